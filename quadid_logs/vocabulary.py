@@ -112,6 +112,13 @@ _SPECS = (
     SignalSpec(
         "accelerometer_clips", (), (), "1", "samples at the end of the accelerometer's range since the start"
     ),
+    SignalSpec(
+        "gyro_samples",
+        (),
+        (),
+        "rad/s",
+        "what one gyro measured at its own rate, in body axes, perhaps in batches with pauses between them",
+    ),
     SignalSpec("battery_voltage", ("battery_v",), ("V",), "V", "battery voltage"),
     SignalSpec(
         "battery_ratio",

@@ -1,10 +1,10 @@
 """Faults of rotors: how often each is named in simulated flights, and how often one is in flights without.
 
-    python study/faults.py -o faults.jsonl [--clean 30] [--each 5] [--seed 0]
+    python study/faults.py -o faults.jsonl [--clean 30] [--each 5] [--seed 0] [--seconds 30 40]
 
 Every flight is a line of the file; a run that was stopped goes on where it ended. The flights are short
-(30 to 40 s), of a careful pilot, of one who moves the sticks, of a hover in wind, all in rough air, on all
-three autopilots in turn.
+(30 to 40 s, unless told otherwise), of a careful pilot, of one who moves the sticks, of a hover in wind, all
+in rough air, on all three autopilots in turn.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def fault(kind: str, rotor: int, rng: np.random.Generator) -> Effects:
     }[kind]
 
 
-def flown(kind: str, seed: int) -> dict[str, Any]:
+def flown(kind: str, seed: int, seconds: tuple[float, float]) -> dict[str, Any]:
     """Fly once and return what was found."""
     rng = np.random.default_rng([seed, *kind.encode()])
     autopilot = AUTOPILOTS[seed % len(AUTOPILOTS)]
@@ -77,7 +77,7 @@ def flown(kind: str, seed: int) -> dict[str, Any]:
     rotor = int(rng.integers(1, 5))
     effects = dataclasses.replace(fault(kind, rotor, rng), disturbance_rad_s2=ROUGH)
     scenario = dataclasses.replace(SCENARIOS[name], effects=effects, wind=Wind(speed_m_s=wind))
-    duration_s = round(float(rng.uniform(30.0, 40.0)), 1)
+    duration_s = round(float(rng.uniform(*seconds)), 1)
     setups = plan_flights(scenario, seed=seed, duration_s=duration_s, rate_hz=400.0, autopilot=autopilot)
     log = log_flights(tuple(fly(setup) for setup in setups), Logging())
     prepared = prepare(log)
@@ -142,6 +142,8 @@ def main() -> None:
     parser.add_argument("--clean", type=int, default=30)
     parser.add_argument("--each", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kinds", nargs="+", choices=tuple(CODES), default=tuple(CODES))
+    parser.add_argument("--seconds", nargs=2, type=float, default=(30.0, 40.0), metavar=("LOW", "HIGH"))
     options = parser.parse_args()
     rows = (
         [json.loads(line) for line in options.output.read_text().splitlines()]
@@ -150,11 +152,11 @@ def main() -> None:
     )
     done = {(row["kind"], row["seed"]) for row in rows}
     wanted = [("clean", options.seed + n) for n in range(options.clean)]
-    wanted += [(kind, options.seed + n) for n in range(options.each) for kind in CODES]
+    wanted += [(kind, options.seed + n) for n in range(options.each) for kind in options.kinds]
     with options.output.open("a") as file:
         for kind, seed in wanted:
             if (kind, seed) not in done:
-                rows.append(flown(kind, seed))
+                rows.append(flown(kind, seed, tuple(options.seconds)))
                 file.write(json.dumps(rows[-1]) + "\n")
                 file.flush()
     print("\n".join(summary(rows)))

@@ -18,6 +18,7 @@ from quadid_logs.data.health import (
     AxisSteps,
     AxisTracking,
     Battery,
+    Course,
     GyroSpectrum,
     Health,
     Line,
@@ -125,6 +126,19 @@ def synthetic_health(sentence: str = "All is well.") -> Health:
     )
     return Health(
         tracking=Tracking(sentence=sentence, axes=dict.fromkeys(AXES, followed)),
+        **{
+            name: Course(
+                sentence=sentence,
+                label=name,
+                unit="deg",
+                columns=("one",),
+                figures={"one": number},
+                limits=((0.5, "half"),),
+                time_s=time_s,
+                values=np.full((100, 1), 0.4),
+            )
+            for name in ("rates", "tilt", "torque", "throttle", "thrust")
+        },
         attitude=Tracking(sentence=sentence, axes=dict.fromkeys(AXES, followed)),
         steps=Steps(sentence=sentence, axes=dict.fromkeys(AXES, step)),
         noise=Noise(

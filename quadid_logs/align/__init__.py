@@ -15,7 +15,15 @@ from quadid_logs.align.clock import Clock, find_clock
 from quadid_logs.align.commands import AngleGains, command_of
 from quadid_logs.align.flights import find_flights
 from quadid_logs.align.gyro import check_gyro
-from quadid_logs.align.series import GAP_PERIODS, Cleaner, CleanLog, CleanSeries, Interval, TorqueSeries
+from quadid_logs.align.series import (
+    GAP_PERIODS,
+    WRITTEN_LATE,
+    Cleaner,
+    CleanLog,
+    CleanSeries,
+    Interval,
+    TorqueSeries,
+)
 from quadid_logs.align.sources import choose_sources, describe
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import LEAST_FLIGHT_S, FlightData, InputDescription, Overview, Segment
@@ -89,13 +97,13 @@ def clean(log: FlightLog) -> CleanLog:
     Returns
     -------
     CleanLog
-        Without signals where the log has no time.
+        Without signals where nothing tells the log's time.
     """
     clock = find_clock(_signals_with_time(log))
     cleaner = Cleaner(clock)
     candidates = {
         name: tuple(cleaner.clean(signal) for signal in log.candidates(name))
-        for name in (log.signals if log.has_time else ())
+        for name in (log.signals if _tells_time(log) else ())
     }
     flights = find_flights(choose_sources(candidates), _span(clock))
     return CleanLog(
@@ -177,7 +185,8 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
     span = _span(clock)
     intervals = _clip(prepared.flights, settings)
     period_s = _period_s(torque, settings)
-    segments = _segments(series, torque, intervals, period_s) if _may_be_multirotor(log) else ()
+    is_identifiable = _may_be_multirotor(log) and log.has_time
+    segments = _segments(series, torque, intervals, period_s) if is_identifiable else ()
     modes = _on_clock(log.modes, clock)
     if "reference_rate" in series:
         segments = tuple(replace(each, command=each.reference, planned=True) for each in segments)
@@ -249,10 +258,15 @@ def _may_be_multirotor(log: FlightLog) -> bool:
     return log.vehicle_type in (MULTIROTOR, "unknown")
 
 
+def _tells_time(log: FlightLog) -> bool:
+    return log.has_time or log.is_nominal_time
+
+
 def _signals_with_time(log: FlightLog) -> Iterable[Signal]:
-    if not log.has_time:
+    if not _tells_time(log):
         return ()
-    return [signal for sources in log.signals.values() for signal in sources]
+    # Batches of samples are written long after they were taken.
+    return [signal for name, sources in log.signals.items() if name not in WRITTEN_LATE for signal in sources]
 
 
 def _span(clock: Clock) -> Interval:

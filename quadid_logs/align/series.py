@@ -29,6 +29,8 @@ _ONE_COLUMN_PER_MOTOR = frozenset({"motor_thrust", "rotor_speed", "output_pwm"})
 _MEASURED = frozenset(
     {"body_rate", "torque_n_m", "torque_command", "thrust_n", "throttle", *_ONE_COLUMN_PER_MOTOR}
 )
+#: Their rows stand in the file seconds after the samples were taken.
+WRITTEN_LATE = frozenset({"gyro_samples"})
 #: Times the 99th percentile of a signal's distance from its median.
 _ABSURD = 10.0
 #: Within two periods of this length no vehicle turns away and back, and no rate loop takes back a torque that
@@ -346,7 +348,8 @@ class Cleaner:
         CleanSeries
         """
         # An event may stand alone, minutes from the periodic rows around it in the file.
-        key = signal.rows, JUMP_S if signal.name in EVENTS else OUTLIER_S
+        apart = signal.name in EVENTS or signal.name in WRITTEN_LATE
+        key = signal.rows, JUMP_S if apart else OUTLIER_S
         stamps = self._stamps_of(*key)
         known = _is_possible(signal.values)
         finite = _says_something(known, signal.name in _ONE_COLUMN_PER_MOTOR)

@@ -36,11 +36,19 @@ class Topic:
     level : {"normal", "high", "severe", "fact"}
     findings : tuple of str
         Codes of the catalogue.
+    judged : bool
+        The sentence says what is normal, though nobody published a level.
     """
 
     sentence: str
     level: Level = "fact"
     findings: tuple[str, ...] = ()
+    judged: bool = False
+
+    @property
+    def says_what_is_normal(self) -> bool:
+        """Whether a pilot learns what the number should be."""
+        return self.judged or self.level != "fact"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,9 +70,17 @@ class AxisTracking:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tracking(Topic):
-    """Set-points against what was flown, by axis; of the rates or of the attitude."""
+    """Set-points against what was flown, by axis; of the rates or of the attitude.
+
+    Attributes
+    ----------
+    axes : mapping of str to AxisTracking
+    off : Quantity or None
+        Of angles: fraction of the flight in which roll or pitch stays off its set-point.
+    """
 
     axes: Mapping[str, AxisTracking]
+    off: Quantity | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -303,6 +319,31 @@ class Battery(Topic):
     voltage: FloatArray
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Course(Topic):
+    """One quantity over the flight, in the unit that people read.
+
+    Attributes
+    ----------
+    label, unit : str
+        Of the chart's axis.
+    columns : tuple of str
+    figures : mapping of str to Quantity
+        What the sentence rests on, by name, in SI units.
+    limits : tuple of (float, str)
+        Levels of the chart and their words.
+    time_s, values : ndarray, shape (n_times,) and (n_times, n_columns)
+    """
+
+    label: str
+    unit: str
+    columns: tuple[str, ...]
+    figures: Mapping[str, Quantity]
+    limits: tuple[tuple[float, str], ...]
+    time_s: FloatArray
+    values: FloatArray
+
+
 class OscillatingLoop(Enum):
     """Which loop makes an oscillation."""
 
@@ -422,13 +463,22 @@ class Rotors(Topic):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
-    """What a log shows of its flight; ``missing`` says of each topic that is None which signal it lacks."""
+    """What a log shows of its flight; ``missing`` says of a topic that is None which signal it lacks.
+
+    ``rates`` stands in for ``tracking`` where set-points are not logged, ``torque`` for ``motors``: without
+    them nothing is missing.
+    """
 
     tracking: Tracking | None = None
+    rates: Course | None = None
     attitude: Tracking | None = None
+    tilt: Course | None = None
     steps: Steps | None = None
     noise: Noise | None = None
     motors: Motors | None = None
+    torque: Course | None = None
+    throttle: Course | None = None
+    thrust: Course | None = None
     vibration: Vibration | None = None
     battery: Battery | None = None
     oscillation: Oscillation | None = None
@@ -442,10 +492,15 @@ class Health:
             "oscillation": self.oscillation,
             "rotors": self.rotors,
             "tracking": self.tracking,
+            "rates": self.rates,
             "attitude": self.attitude,
+            "tilt": self.tilt,
             "steps": self.steps,
             "noise": self.noise,
             "motors": self.motors,
+            "torque": self.torque,
+            "throttle": self.throttle,
+            "thrust": self.thrust,
             "vibration": self.vibration,
             "battery": self.battery,
         }

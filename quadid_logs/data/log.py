@@ -330,6 +330,8 @@ class FlightLog:
         Messages that the autopilot itself reports as not written.
     has_time : bool
         False where the log's rows carry no time at all.
+    is_nominal_time : bool
+        Then their times are those at which the firmware should have logged: good enough to look at.
     utc_offset_s : float
         UTC [s since 1970] minus the log's clock, NaN where no receiver told the date.
     remarks : tuple of str
@@ -364,6 +366,7 @@ class FlightLog:
     n_systems: int = 0
     counts: tuple[MessageCount, ...] = ()
     has_time: bool = True
+    is_nominal_time: bool = False
     utc_offset_s: float = float("nan")
     remarks: tuple[str, ...] = ()
     followed: Mapping[str, FloatArray] = field(default_factory=dict)

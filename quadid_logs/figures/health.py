@@ -8,7 +8,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import Overview
-from quadid_logs.data.health import AxisSteps, GyroSpectrum, Health, Map, Noise, Topic
+from quadid_logs.data.health import AxisSteps, Course, GyroSpectrum, Health, Map, Noise, Topic
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, Heat, LeftOut, Level, Mark, Panel, Ribbon
@@ -29,6 +29,8 @@ _LEAST_GAIN: Final = 0.1
 #: More notches than this are those of every rotor's harmonics, and their words would cover each other.
 _MOST_NOTCHES: Final = 4
 _MOST_POINTS: Final = 600
+#: A level further above all data would only press them flat.
+_NEAR_LIMIT: Final = 3.0
 _ROLES: Final = ("series-1", "series-2", "series-3", "series-4")
 
 
@@ -46,11 +48,16 @@ def health_figures(result: Result) -> list[Figure | LeftOut]:
     health = result.health or Health(missing=dict.fromkeys(_TITLES, _NOT_LOOKED_AT))
     made: dict[str, Figure | None] = {
         "tracking": _desired_and_actual(result, health),
+        "rates": _course(health.rates, "rates"),
         "attitude": _angles(result, health),
+        "tilt": _course(health.tilt, "tilt"),
         "steps": _steps(health),
         "noise": _spectrum(health, result.data.gyro_filter),
         "maps": _maps(health, result.data.gyro_filter),
         "motors": _motors(health),
+        "torque": _course(health.torque, "torque"),
+        "throttle": _course(health.throttle, "throttle"),
+        "thrust": _course(health.thrust, "thrust"),
         "vibration": _vibration(health),
         "battery": _battery(health),
     }
@@ -62,21 +69,38 @@ def health_figures(result: Result) -> list[Figure | LeftOut]:
 
 _KEYS: Final = {
     "tracking": "tracking",
+    "rates": "rates",
     "attitude": "attitude-tracking",
+    "tilt": "tilt",
     "steps": "step-response",
     "noise": "gyro-spectrum",
     "maps": "spectrogram",
     "motors": "motors",
+    "torque": "torque",
+    "throttle": "throttle",
+    "thrust": "thrust",
     "vibration": "vibration",
     "battery": "battery",
 }
+#: Drawn where the log holds nothing to compare with.
+_INSTEAD: Final = {
+    "rates": "They stand beside their set-points above.",
+    "tilt": "The log holds no attitude.",
+    "torque": "The motors show it.",
+    "thrust": "The log holds no thrust in newtons.",
+}
 _TITLES: Final = {
     "tracking": "Desired and actual rates",
+    "rates": "Body rates",
     "attitude": "Desired and actual angles",
+    "tilt": "Tilt from the vertical",
     "steps": "Measured step response of the rates",
     "noise": "Spectra of the gyro, after its filters and before them",
     "maps": "The gyro's spectrum over time and over throttle",
     "motors": "What the motors were sent",
+    "torque": "Torque that the controller commanded",
+    "throttle": "Throttle",
+    "thrust": "Thrust and weight",
     "vibration": "Vibration",
     "battery": "Battery under load",
 }
@@ -88,6 +112,8 @@ def _said(topic: Topic) -> str:
 
 
 def _reason(health: Health, name: str) -> str:
+    if name in _INSTEAD:
+        return _INSTEAD[name] if health.topics else _reason(health, "tracking")
     told = health.missing.get("noise" if name == "maps" else name, "the log holds too little")
     return f"{printable(told[:1].upper() + told[1:], 200)}."
 
@@ -381,6 +407,36 @@ def _motors(health: Health) -> Figure | None:
     )
 
 
+def _course(course: Course | None, name: str) -> Figure | None:
+    """Show one quantity over time, with the levels that it is judged by."""
+    if course is None:
+        return None
+    time_s, values = break_at_gaps(course.time_s, course.values)
+    highest = float(np.nanmax(np.abs(course.values)))
+    return Figure(
+        key=_KEYS[name],
+        title=_TITLES[name],
+        caption=_said(course),
+        panels=(
+            Panel(
+                title=_TITLES[name],
+                x=TIME,
+                y=Axis(label=course.label, unit=course.unit),
+                curves=tuple(
+                    Curve(label=label, x=time_s, y=values[:, number], role=_ROLES[number])
+                    for number, label in enumerate(course.columns)
+                ),
+                levels=tuple(
+                    Level(value=limit, role="saturated", label=words)
+                    for limit, words in course.limits
+                    if limit <= _NEAR_LIMIT * highest
+                ),
+            ),
+        ),
+        over_time=True,
+    )
+
+
 def _vibration(health: Health) -> Figure | None:
     """Show the vibration over time, with its published levels."""
     vibration = health.vibration
@@ -409,8 +465,7 @@ def _vibration(health: Health) -> Figure | None:
                 levels=tuple(
                     Level(value=limit, role="saturated", label=f"{word} {limit:.3g}")
                     for limit, word in zip(vibration.limits, words, strict=False)
-                    # Far above all data it would only press them flat.
-                    if limit <= 3.0 * highest
+                    if limit <= _NEAR_LIMIT * highest
                 ),
             ),
         ),

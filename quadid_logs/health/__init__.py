@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from quadid_logs.align import Prepared
+from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.health import Health
 from quadid_logs.health.battery import find_battery
+from quadid_logs.health.course import find_rates, find_throttle, find_thrust, find_tilt, find_torque
 from quadid_logs.health.motors import find_motors
 from quadid_logs.health.noise import find_noise
 from quadid_logs.health.oscillation import find_oscillation
 from quadid_logs.health.rotors import find_rotors
-from quadid_logs.health.steps import find_responses, find_steps
+from quadid_logs.health.steps import find_angle_lags, find_responses, find_steps
 from quadid_logs.health.tracking import find_tracking
 from quadid_logs.health.vibration import find_vibration
 from quadid_logs.vocabulary import MULTIROTOR
@@ -32,7 +34,8 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
     ),
     "noise": (("body_rate",), "the flight is too short for a spectrum"),
     "motors": (("outputs",), "the log does not tell which outputs drive the motors, or they never change"),
-    "vibration": (("specific_force",), "it is logged too slowly"),
+    "vibration": (("specific_force",), "it is logged too slowly, or the flight is too short"),
+    "throttle": (("throttle",), "it was hardly logged in flight, or never changes"),
     "battery": (("battery_voltage",), "none was measured in flight"),
     "oscillation": (
         ("body_rate", "body_rate_setpoint", "torque_command"),
@@ -48,6 +51,7 @@ _WORDS: Final[Mapping[str, str]] = {
     "attitude_setpoint": "attitude set-points",
     "outputs": "motor outputs",
     "specific_force": "accelerometer",
+    "throttle": "throttle",
     "battery_voltage": "battery voltage",
     "torque_command": "output of the rate controller",
 }
@@ -94,14 +98,17 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     oscillations_hz: dict[str, list[float]] = {}
     for one in () if oscillation is None else oscillation.axes:
         oscillations_hz.setdefault(one.axis, []).append(one.line.frequency_hz)
-    gyros = prepared.candidates.get("body_rate", ())
+    gyros = [one for name in ("body_rate", "gyro_samples") for one in prepared.candidates.get(name, ())]
     found: dict[str, Any] = {
         "tracking": None
         if rate is None or followed is None
         else find_tracking(rate, followed, intervals, lags, of="rates"),
         "attitude": None
         if angle is None or asked_angle is None
-        else find_tracking(angle, asked_angle, intervals, {}, of="angles"),
+        else find_tracking(
+            angle, asked_angle, intervals, find_angle_lags(angle, asked_angle, intervals), of="angles"
+        ),
+        "throttle": None if throttle is None else find_throttle(throttle, intervals),
         "steps": find_steps(responses),
         "noise": find_noise(gyros, asked, throttle, speed, intervals, oscillations_hz),
         "motors": None if outputs is None else find_motors(outputs, prepared.log.torque, intervals),
@@ -120,6 +127,7 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         *(("torque_command",) if output else ()),
     }
     missing = {name: _lacks(name, there) for name, topic in found.items() if topic is None}
+    found |= _in_place_of(found, series, intervals)
     if asked is not None and not rate_loop:
         missing |= dict.fromkeys(("tracking", "steps"), _FED_FORWARD)
     return Health(**found, missing=missing)
@@ -154,6 +162,20 @@ def faults_of(prepared: Prepared, data: FlightData) -> Health:
         if looked_at.get(name) is None
     }
     return Health(rotors=rotors, vibration=vibration, missing=missing)
+
+
+def _in_place_of(
+    found: Mapping[str, Any], series: Mapping[str, CleanSeries], intervals: Sequence[Interval]
+) -> dict[str, Any]:
+    """Return what a log shows by itself of that of which it holds nothing to compare with."""
+    rate, angle, thrust = series.get("body_rate"), series.get("attitude"), series.get("thrust_n")
+    torque = series.get("torque_n_m") or series.get("torque_command")
+    return {
+        "rates": None if rate is None or found["tracking"] else find_rates(rate, intervals),
+        "tilt": None if angle is None else find_tilt(angle, intervals),
+        "torque": None if torque is None or found["motors"] else find_torque(torque, thrust, intervals),
+        "thrust": None if thrust is None else find_thrust(thrust, angle, intervals),
+    }
 
 
 def _lacks(topic: str, there: Collection[str]) -> str:

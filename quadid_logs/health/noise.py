@@ -46,6 +46,10 @@ _FEWEST_AT_LEVEL: Final = 3
 _CUT_OFFS: Final = 2.0
 #: Samples of a window that tell its median.
 _MOST_PER_WINDOW: Final = 400
+#: Samples of a gyro that may come in batches, which are shorter than the windows of a spectrum.
+_BATCHED: Final = "gyro_samples"
+#: A shorter one, or what is left of one, resolves nothing below this frequency's inverse [s].
+_SHORTEST_BATCH_S: Final = 0.1
 #: Named in one sentence.
 _MOST_NAMED: Final = 3
 
@@ -103,8 +107,10 @@ def find_noise(
         for column, axis in enumerate(AXES)
     }
     folded = may_be_folded(series)
+    in_lines = _part_in_lines(lines, main)
     return Noise(
-        sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any())),
+        sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any()), in_lines),
+        judged=bool(searched.any()) and in_lines <= 0.5,
         after=_shown(after, shown.get("after")),
         before=_shown(before, shown.get("before")),
         lines=lines,
@@ -152,7 +158,15 @@ def _fastest(sources: Iterable[CleanSeries]) -> CleanSeries | None:
 
 
 def _spectra(series: CleanSeries, intervals: Sequence[Interval]) -> Periodograms | None:
-    return periodograms(*records([series], intervals))
+    found = periodograms(*records([series], intervals))
+    if found is not None or series.name != _BATCHED:
+        return found
+    # A batch is a window of its own, if nothing of it was lost.
+    batches, period_s = records([series], intervals, shortest_s=_SHORTEST_BATCH_S)
+    if not batches:
+        return None
+    length_s = period_s * float(np.median([one.time_s.size for one in batches]))
+    return periodograms(batches, period_s, (length_s, 0.5 * length_s))
 
 
 def _shown(series: CleanSeries | None, spectra: Periodograms | None) -> GyroSpectrum | None:
@@ -343,8 +357,21 @@ def source_words(line: Line) -> str:
     return words.get(line.source, "")
 
 
-def _sentence(lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: float, searched: bool) -> str:
-    """Say which lines there are; no published figure says how high one may be."""
+def _part_in_lines(lines: Mapping[str, tuple[Line, ...]], spectra: Periodograms) -> float:
+    """Return which part of the gyro's power above commands' frequencies its lines hold there."""
+    fast = spectra.frequency_hz > COMMANDED_HZ
+    power = float(spectra.mean[fast].sum()) * float(spectra.frequency_hz[1])
+    held = sum(line.rms**2 for found in lines.values() for line in found if line.frequency_hz > COMMANDED_HZ)
+    return min(held / power, 1.0) if power > 0.0 else 0.0
+
+
+def _sentence(
+    lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: float, searched: bool, in_lines: float
+) -> str:
+    """Say which lines there are, and how much of the vibration they are.
+
+    No published figure says how high one may be; one half is where lines are more than all else.
+    """
     if not searched:
         return (
             f"The gyro is logged up to {highest_hz:.3g} Hz and no set-points are: "
@@ -354,7 +381,7 @@ def _sentence(lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: f
         ((axis, line) for axis, found in lines.items() for line in found), key=lambda one: -one[1].height_db
     )
     if not named:
-        told = f"The gyro shows no line above its noise up to {highest_hz:.3g} Hz"
+        told = f"The gyro shows no line above its noise up to {highest_hz:.3g} Hz, which is normal"
     else:
         words = []
         for axis, line in named[:_MOST_NAMED]:
@@ -362,6 +389,10 @@ def _sentence(lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: f
             size = f"{line.height_db:.0f} dB, {number(float(np.degrees(line.rms)), 2)} deg/s rms"
             words.append(f"{axis} {line.frequency_hz:.3g} Hz ({size}{', ' if source else ''}{source})")
         told = f"The gyro shows lines above its noise: {some(words, len(named))}"
+        if highest_hz > COMMANDED_HZ:
+            more = "more than" if in_lines > 0.5 else "less than"
+            part = number(100.0 * in_lines, 2)
+            told += f". Those above {COMMANDED_HZ:.0f} Hz hold {part} % of its power there, {more} all else"
     note = ". Faster vibration, if there is any, can appear at these frequencies" if folded and named else ""
     if folded and not named:
         note = ". Faster vibration cannot be seen at this log rate"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
@@ -12,8 +13,9 @@ from quadid_logs.arrays import FloatArray
 
 #: A quarter of an hour at 100 Hz, two minutes at 1 kHz: more of a flight changes no figure that is shown.
 MOST_SAMPLES: Final = 120_000
-#: Of a longer flight, segments of this length are taken, spread evenly [s].
+#: Of a longer flight, segments of this length are taken, spread evenly, and never fewer than these [s].
 _SEGMENT_S: Final = 16.0
+_FEWEST_SEGMENTS: Final = 3
 #: Shorter segments hold no window of a spectrum.
 _SHORTEST_S: Final = 2.0
 
@@ -26,7 +28,11 @@ class Record(NamedTuple):
 
 
 def records(
-    several: Sequence[CleanSeries], intervals: Sequence[Interval], most: int = MOST_SAMPLES
+    several: Sequence[CleanSeries],
+    intervals: Sequence[Interval],
+    most: int = MOST_SAMPLES,
+    *,
+    shortest_s: float = _SHORTEST_S,
 ) -> tuple[list[Record], float]:
     """Put series side by side on the grid of the slowest, where none of them pauses.
 
@@ -37,6 +43,8 @@ def records(
     intervals : sequence of (start_s, end_s)
     most : int
         Samples in all.
+    shortest_s : float
+        Shorter segments are left out [s].
 
     Returns
     -------
@@ -49,8 +57,9 @@ def records(
     if not all(one.period_s > 0.0 for one in several):
         return [], float("nan")
     spans = [span for interval in intervals for span in _together(several, interval)]
+    spans = [span for span in spans if span[1] - span[0] >= shortest_s]
     found = []
-    for start_s, end_s in _spread(spans, most * period_s):
+    for start_s, end_s in _spread(spans, most * period_s, shortest_s):
         n_samples = int((end_s - start_s) / period_s + 1e-6) + 1
         grid = start_s + period_s * np.arange(n_samples, dtype=np.float64)
         columns = [one for series in several for one in _on_grid(series, grid)]
@@ -63,7 +72,7 @@ def _together(several: Sequence[CleanSeries], interval: Interval) -> list[Interv
     spans = [interval]
     for series in several:
         spans = [part for span in spans for part in _without_pauses(series, span)]
-    return [(start_s, end_s) for start_s, end_s in spans if end_s - start_s >= _SHORTEST_S]
+    return spans
 
 
 def _without_pauses(series: CleanSeries, interval: Interval) -> Iterator[Interval]:
@@ -75,17 +84,23 @@ def _without_pauses(series: CleanSeries, interval: Interval) -> Iterator[Interva
     yield from zip(time_s[first].tolist(), time_s[last].tolist(), strict=True)
 
 
-def _spread(spans: Sequence[Interval], longest_s: float) -> list[Interval]:
-    """Keep segments spread evenly over the spans, as many as make ``longest_s`` together."""
+def _spread(spans: Sequence[Interval], longest_s: float, shortest_s: float) -> list[Interval]:
+    """Keep segments spread evenly over the spans, as many as make ``longest_s`` together.
+
+    Of spans that are short themselves every n-th one.
+    """
     whole_s = sum(end_s - start_s for start_s, end_s in spans)
     if not whole_s > longest_s:
         return list(spans)
-    step_s = _SEGMENT_S * whole_s / longest_s
+    segment_s = min(_SEGMENT_S, longest_s / _FEWEST_SEGMENTS)
+    if max(end_s - start_s for start_s, end_s in spans) < segment_s:
+        return list(spans[:: math.ceil(whole_s / longest_s)])
+    step_s = segment_s * whole_s / longest_s
     kept = []
     for start_s, end_s in spans:
         begins = start_s + step_s * np.arange(int((end_s - start_s) / step_s) + 1)
-        kept += [(float(begin), min(float(begin) + _SEGMENT_S, end_s)) for begin in begins]
-    return [(start_s, end_s) for start_s, end_s in kept if end_s - start_s >= _SHORTEST_S]
+        kept += [(float(begin), min(float(begin) + segment_s, end_s)) for begin in begins]
+    return [(start_s, end_s) for start_s, end_s in kept if end_s - start_s >= shortest_s]
 
 
 def _on_grid(series: CleanSeries, grid: FloatArray) -> Iterator[FloatArray]:

@@ -52,20 +52,28 @@ class Periodograms(NamedTuple):
         return np.asarray(self.density.mean(axis=0), dtype=np.float64)
 
 
-def periodograms(found: Sequence[Record], period_s: float) -> Periodograms | None:
+#: Tried in turn.
+_WINDOWS_S: Final = (WINDOW_S, 0.5 * WINDOW_S)
+
+
+def periodograms(
+    found: Sequence[Record], period_s: float, windows_s: Sequence[float] = _WINDOWS_S
+) -> Periodograms | None:
     """Return the densities of Hann windows that overlap by half.
 
     Parameters
     ----------
     found : sequence of Record
     period_s : float
+    windows_s : sequence of float
+        Lengths of windows; the first one of which there are enough is taken.
 
     Returns
     -------
     Periodograms or None
         None where there are too few windows for a mean.
     """
-    for window_s in (WINDOW_S, 0.5 * WINDOW_S):
+    for window_s in windows_s:
         n = round(window_s / period_s) if period_s > 0.0 else 0
         n_windows = sum(max(0, (one.time_s.size - n) // max(n // 2, 1) + 1) for one in found if n >= 8)
         if n_windows >= _FEWEST_WINDOWS:

@@ -6,13 +6,14 @@ After the way of PID-Analyzer (F. Voss, 2018): windows of both series, a Wiener 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.health import AxisSteps, Quantity, StepCurve, Steps
+from quadid_logs.data.health import AxisSteps, Level, Quantity, StepCurve, Steps
 from quadid_logs.health.records import records
 from quadid_logs.vocabulary import AXES
 
@@ -36,6 +37,15 @@ _LEAST_EXPLAINED: Final = 0.5
 _OFF: Final = 0.2
 #: Half of the largest set-points part the small from the large.
 _LARGE: Final = 0.5
+
+
+#: A loop of second order with 45 degrees of phase margin overshoots by this: exp(-pi z / sqrt(1 - z^2)) with
+#: a damping ratio z of a hundredth of the margin (K. Ogata, Modern Control Engineering, 7-7).
+_OVERSHOOT: Final = 0.2
+
+
+#: No log has samples closer together [s].
+_LEAST_S: Final = 1e-5
 
 
 _Size = Literal["all", "small", "large"]
@@ -96,13 +106,51 @@ def find_responses(
     return responses
 
 
+def find_angle_lags(
+    angle: CleanSeries, setpoint: CleanSeries, intervals: Sequence[Interval]
+) -> dict[str, Quantity]:
+    """Return how late roll and pitch follow their set-points, where these tell [s].
+
+    By how both change: what a vehicle leans all the time would be in step with anything.
+
+    Parameters
+    ----------
+    angle, setpoint : CleanSeries
+        Euler angles [rad].
+    intervals : sequence of (start_s, end_s)
+        Of flight.
+
+    Returns
+    -------
+    dict of str to Quantity
+        By axis. Yaw is left out: its set-point may turn at once.
+    """
+    found = find_responses(_changing(angle), _changing(setpoint), intervals)
+    return {axis: one.lag for axis, one in found.items() if axis != "yaw"}
+
+
+def _changing(angle: CleanSeries) -> CleanSeries:
+    """Return how fast angles change, at the middle between samples."""
+    step_s = np.diff(angle.time_s)
+    change = (np.diff(angle.values, axis=0) + np.pi) % (2.0 * np.pi) - np.pi
+    return replace(
+        angle,
+        time_s=angle.time_s[:-1] + 0.5 * step_s,
+        stored=change / np.maximum(step_s, _LEAST_S)[:, np.newaxis],
+    )
+
+
 def find_steps(responses: dict[str, Response]) -> Steps | None:
     """Put the step responses of all axes that tell into one topic."""
     axes = {axis: one.steps for axis, one in responses.items() if one.steps is not None}
     if not axes:
         return None
     late, over = (", ".join(f"{axis} {words(one)}" for axis, one in axes.items()) for words in (_late, _over))
-    return Steps(sentence=f"Half of a step is reached after: {late}. It overshoots by: {over}.", axes=axes)
+    level: Level = "high" if any(one.overshoot.value > _OVERSHOOT for one in axes.values()) else "normal"
+    limit = f"{100.0 * _OVERSHOOT:.0f} %, that of a loop with 45 degrees of phase margin"
+    judged = f"which is normal (below {limit})" if level == "normal" else f"more than the normal {limit}"
+    told = f"Half of a step is reached after: {late}. It overshoots by: {over}, {judged}."
+    return Steps(sentence=told, level=level, axes=axes)
 
 
 def _late(steps: AxisSteps) -> str:

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.align.series import CleanSeries, Interval
-from quadid_logs.arrays import FloatArray
-from quadid_logs.data.health import AxisTracking, Quantity, Tracking
+from quadid_logs.align.series import GAP_PERIODS, CleanSeries, Interval
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.health import AxisTracking, Level, Quantity, Tracking
 from quadid_logs.health.records import in_flight, records
 from quadid_logs.maths.rotations import unwrapped
 from quadid_logs.numerals import number
+from quadid_logs.sentences import listed
 from quadid_logs.vocabulary import AXES
+
+#: Roll or pitch further than this from its set-point for longer than that: a published analyzer of logs
+#: warns, and at the second angle fails (source: docs/health.md) [rad, s].
+_WARN_RAD, _FAIL_RAD, _LASTS_S = (*np.radians((5.0, 10.0)), 0.25)
+#: Roll and pitch are judged; the nose may lag far behind a turn that was commanded at once.
+_TILTING: Final = 2
 
 
 def find_tracking(
@@ -41,30 +50,93 @@ def find_tracking(
     Tracking or None
         None where both are not logged together in flight.
     """
-    values = _side_by_side(setpoint, actual, intervals)
-    if values is None:
+    together = _side_by_side(setpoint, actual, intervals)
+    if together is None:
         return None
+    time_s, values = together
     angles = of == "angles"
     unit = "rad" if angles else "rad/s"
-    axes = {}
+    axes, errors = {}, []
     for column, axis in enumerate(AXES):
         asked, flown = values[:, column], values[:, len(AXES) + column]
         error = asked - flown
         if angles:
             error = (error + np.pi) % (2.0 * np.pi) - np.pi
             asked = unwrapped(asked[:, np.newaxis])[:, 0]
+        errors.append(np.abs(error))
         axes[axis] = AxisTracking(
             error_rms=Quantity(_rms(error), unit),
             setpoint_rms=Quantity(float(np.std(asked)), unit),
             lag=lags.get(axis),
         )
-    return Tracking(sentence=_sentence(axes, of), axes=axes)
+    if not angles:
+        return Tracking(sentence=f"{_sentence(axes, of)} {_followed(axes)}", axes=axes, judged=True)
+    worst = np.maximum.reduce(errors[:_TILTING])
+    found = _judged(time_s, worst)
+    return Tracking(
+        sentence=f"{_sentence(axes, of)} {found.sentence}", axes=axes, level=found.level, off=found.off
+    )
+
+
+class _Judgement(NamedTuple):
+    sentence: str
+    level: Level
+    off: Quantity
+
+
+def _judged(time_s: FloatArray, worst: FloatArray) -> _Judgement:
+    """Say for how much of the flight roll or pitch stays off its set-point, by how much."""
+    step_s = float(np.median(np.diff(time_s)))
+    off_s, largest = 0.0, 0.0
+    for first, after in _runs(time_s, worst > _WARN_RAD, step_s):
+        length_s = float(time_s[after - 1] - time_s[first]) + step_s
+        if length_s >= _LASTS_S:
+            off_s, largest = off_s + length_s, max(largest, float(worst[first:after].max()))
+    share = min(off_s / (step_s * time_s.size), 1.0)
+    off = Quantity(share, "1", normal=(0.0, 0.0))
+    warn, fail, most = (float(np.degrees(one)) for one in (_WARN_RAD, _FAIL_RAD, largest))
+    if not off_s:
+        words = (
+            f"Roll and pitch are never off by more than {warn:.0f} deg for longer than {_LASTS_S:g} s, "
+            "which is normal."
+        )
+        return _Judgement(words, "normal", off)
+    level: Level = "severe" if largest >= _FAIL_RAD else "high"
+    limit = f"beyond {fail:.0f} deg it does not follow" if level == "severe" else "normal is never"
+    words = (
+        f"Roll or pitch is off by more than {warn:.0f} deg for longer than {_LASTS_S:g} s, in "
+        f"{number(100.0 * share, 2)} % of the flight and by up to {most:.0f} deg: {limit}."
+    )
+    return _Judgement(words, level, off)
+
+
+def _runs(time_s: FloatArray, mask: BoolArray, step_s: float) -> list[tuple[int, int]]:
+    """Return first index and index after the last of each run without a pause of the log."""
+    pauses = np.flatnonzero(np.diff(time_s) > GAP_PERIODS * step_s) + 1
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    found = []
+    for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        inside = pauses[(pauses > first) & (pauses < after)].tolist()
+        found += list(pairwise([first, *inside, after]))
+    return found
+
+
+def _followed(axes: Mapping[str, AxisTracking]) -> str:
+    """Judge the errors by what a loop would miss by that did not follow at all."""
+    beyond = [axis for axis, one in axes.items() if not one.error_rms.value < one.setpoint_rms.value]
+    if not beyond:
+        return "Every axis misses by less than its set-points move, which is normal."
+    verb = "misses" if len(beyond) == 1 else "miss"
+    return (
+        f"{listed(beyond).capitalize()} {verb} by as much as the set-points move, or more: gusts, vibration, "
+        "an oscillation or a limit move the vehicle instead. That is normal only in a hover without commands."
+    )
 
 
 def _side_by_side(
     setpoint: CleanSeries, actual: CleanSeries, intervals: Sequence[Interval]
-) -> FloatArray | None:
-    """Return the columns of both, None where they are not logged together.
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return the times and the columns of both, None where they are not logged together.
 
     Of one message the rows themselves: between two samples of a slow log a line would take away a part of
     what is fast.
@@ -73,8 +145,9 @@ def _side_by_side(
     if not found:
         return None
     if np.array_equal(setpoint.time_s, actual.time_s):
-        return np.column_stack([in_flight(one, intervals).values for one in (setpoint, actual)])
-    return np.concatenate([one.values for one in found])
+        both = [in_flight(one, intervals) for one in (setpoint, actual)]
+        return both[0].time_s, np.column_stack([one.values for one in both])
+    return np.concatenate([one.time_s for one in found]), np.concatenate([one.values for one in found])
 
 
 def _rms(values: FloatArray) -> float:

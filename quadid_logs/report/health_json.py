@@ -10,6 +10,7 @@ import numpy as np
 
 from quadid_logs.data.health import (
     Battery,
+    Course,
     GyroSpectrum,
     Health,
     Line,
@@ -44,6 +45,11 @@ def health_dict(health: Health) -> dict[str, Any]:
         "filters": None,
         "vibration": _topic(health.vibration, _vibration),
         "motors": _topic(health.motors, _motors),
+        "rates": _topic(health.rates, _course),
+        "tilt": _topic(health.tilt, _course),
+        "torque": _topic(health.torque, _course),
+        "throttle": _topic(health.throttle, _course),
+        "thrust": _topic(health.thrust, _course),
         "battery": _topic(health.battery, _battery),
         "oscillation": _topic(health.oscillation, _oscillation),
         "rotors": _topic(health.rotors, _rotors),
@@ -61,6 +67,10 @@ def _said(topic: Topic) -> dict[str, Any]:
 
 def _quantity(number: Quantity | None) -> dict[str, Any] | None:
     return None if number is None else number._asdict()
+
+
+def _course(course: Course) -> dict[str, Any]:
+    return {"figures": {name: _quantity(one) for name, one in course.figures.items()}}
 
 
 def _tracking(health: Health) -> dict[str, Any] | None:
@@ -84,7 +94,8 @@ def _axes(tracking: Tracking) -> dict[str, Any]:
                 "lag": _quantity(one.lag),
             }
             for axis, one in tracking.axes.items()
-        }
+        },
+        "off": _quantity(tracking.off),
     }
 
 

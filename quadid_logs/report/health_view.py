@@ -21,13 +21,20 @@ TOPICS: Final = {
     "oscillation": "Oscillation",
     "rotors": "Rotors",
     "tracking": "Rates against set-points",
+    "rates": "Rates",
     "attitude": "Angles against set-points",
+    "tilt": "Tilt",
     "steps": "Step response",
     "noise": "Gyro noise",
     "motors": "Motors",
+    "torque": "Steady torque",
+    "throttle": "Throttle",
+    "thrust": "Thrust",
     "vibration": "Vibration",
     "battery": "Battery",
 }
+#: They show what others cannot: without them nothing is missing.
+_NEVER_MISSING: Final = ("rates", "tilt", "torque", "thrust")
 #: Of each judgement, its colour on the page; a number without one has none.
 _STYLES: Final = {"normal": "usable", "high": "caution", "severe": "refused", "fact": ""}
 #: Where the recommended gains of an axis go, if it oscillates. The other ways lead nowhere that is known.
@@ -137,7 +144,7 @@ def _missing(health: Health) -> Iterable[str]:
     for name, reason in health.missing.items():
         reasons.setdefault(reason, []).append(TOPICS[name].lower())
     for reason, names in reasons.items():
-        if len(names) == len(TOPICS):
+        if len(names) == len(TOPICS) - len(_NEVER_MISSING):
             yield f"Nothing is shown of the flight: {printable(reason, 200)}."
         else:
             yield f"Not shown: {listed(names)}, because {printable(reason, 200)}."

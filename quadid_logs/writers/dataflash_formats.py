@@ -33,7 +33,10 @@ CHARACTERS: Final = {
     "Z": "S64",
     "c": "<i2",
     "M": "u1",
+    "a": "(32,)<i2",
 }
+#: Defined in a log that holds them only.
+BATCHES: Final = ("ISBH", "ISBD")
 
 
 class Message(NamedTuple):
@@ -127,6 +130,15 @@ MESSAGES: Final = {
             "F-000000-----00",
         ),
         Message("ACC", 161, "QBQfff", "TimeUS,I,SampleUS,AccX,AccY,AccZ", "s#sooo", "F-F000"),
+        Message(
+            "ISBH",
+            164,
+            "QHBBHHQf",
+            "TimeUS,N,type,instance,mul,smp_cnt,SampleUS,smp_rate",
+            "s-----sz",
+            "F-----F-",
+        ),
+        Message("ISBD", 165, "QHHaaa", "TimeUS,N,seqno,x,y,z", "s--ooo", "F--???"),
         _outputs("RCOU", 62, 1, 14),
         _outputs("RCO2", 207, 15, 18),
         _outputs("RCO3", 208, 19, 32),

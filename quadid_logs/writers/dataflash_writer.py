@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
-from itertools import chain
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, pairwise
 from typing import BinaryIO
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.log import FlightLog, Signal
-from quadid_logs.writers.dataflash_formats import HEADER, MESSAGES, MULTIPLIERS, UNITS
+from quadid_logs.writers.dataflash_formats import BATCHES, HEADER, MESSAGES, MULTIPLIERS, UNITS
 from quadid_logs.writers.flight_modes import find_mode
 from quadid_logs.writers.log_series import (
     Stamps,
@@ -38,6 +38,10 @@ RPM = 30.0 / math.pi
 ARMED, DISARMED, LAND_COMPLETE, NOT_LANDED = 10, 11, 18, 28
 #: Rate of ATT whatever the bitmask (ArduCopter/Copter.cpp, `ten_hz_logging_loop`) [µs].
 ATT_PERIOD_US = 100_000
+#: INS_LOG_BAT_CNT, samples in a row, and what is a pause, in sample periods.
+BATCH_SAMPLES, BATCH_ROW, BATCH_GAP = 1024, 32, 1.5
+#: What a batch's samples are multiplied by: 2000 deg/s are the largest number.
+GYRO_MUL = math.floor(32767.0 / math.radians(2000.0))
 #: The version that the message definitions are taken from.
 DEFAULT_FIRMWARE = "ArduCopter V4.7.0-dev (90700977)"
 #: By axis.
@@ -69,6 +73,7 @@ def write_dataflash(log: FlightLog, file: BinaryIO) -> None:
         *_rate(log, clock),
         *_pids(log, clock),
         *_imu(log, clock),
+        *_batches(log, clock),
         *_attitude(log, clock),
         *_outputs(log, clock),
         *_battery(log, clock),
@@ -148,6 +153,45 @@ def _imu(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
             stamps,
             _vector("Acc", force_signal.values) | {"I": instance, "SampleUS": stamps.time_us},
         )
+
+
+def _batches(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """ISBH and ISBD: what each gyro measured, in batches of whole rows, each behind its last sample."""
+    headers: list[dict[str, float]] = []
+    heads, rows, samples, keys = [], [], [], []
+    for instance, signal in enumerate(log.candidates("gyro_samples")):
+        stamps = clock.of(signal)
+        steps_us = np.diff(stamps.time_us)
+        period_us = float(np.median(steps_us))
+        ends = [*(np.flatnonzero(steps_us > BATCH_GAP * period_us) + 1).tolist(), stamps.time_us.size]
+        for start, end in pairwise([0, *ends]):
+            for first_row in range(start, end - BATCH_ROW + 1, BATCH_SAMPLES):
+                n_rows = min(BATCH_SAMPLES, end - first_row) // BATCH_ROW
+                whole = slice(first_row, first_row + n_rows * BATCH_ROW)
+                # Batches of several gyros that end at one time follow each other.
+                key_us = int(stamps.key_us[whole.stop - 1]) + instance
+                heads.append(key_us)
+                keys += [key_us] * n_rows
+                rows += [(len(headers) % 65536, number) for number in range(n_rows)]
+                samples.append(signal.values[whole].reshape(n_rows, BATCH_ROW, 3))
+                headers.append(
+                    {"N": len(headers) % 65536, "instance": instance, "smp_cnt": n_rows * BATCH_ROW}
+                    | {"SampleUS": int(stamps.time_us[first_row]), "smp_rate": 1e6 / period_us}
+                )
+    if not headers:
+        return
+    order = np.argsort(heads, kind="stable")
+    moments = np.asarray(heads, dtype=np.int64)[order]
+    columns: dict[str, Field] = {
+        name: np.array([headers[number][name] for number in order.tolist()]) for name in headers[0]
+    }
+    yield _records("ISBH", Stamps(time_us=moments, key_us=moments), columns | {"type": 1, "mul": GYRO_MUL})
+    order = np.argsort(keys, kind="stable")
+    moments = np.asarray(keys, dtype=np.int64)[order]
+    values, numbers = np.concatenate(samples)[order], np.asarray(rows)[order]
+    axes = {axis: Column(values=values[:, :, n], scale=GYRO_MUL) for n, axis in enumerate("xyz")}
+    numbered: dict[str, Field] = {"N": numbers[:, 0], "seqno": numbers[:, 1]}
+    yield _records("ISBD", Stamps(time_us=moments, key_us=moments), numbered | axes)
 
 
 def _mean_rate_hz(stamps: Stamps) -> float:
@@ -295,13 +339,15 @@ def _write_header(file: BinaryIO, log: FlightLog, start_us: int) -> None:
     """Write what ArduPilot puts in front: definitions, version, parameters."""
     moment = np.array([start_us], dtype=np.int64)
     stamps = Stamps(time_us=moment, key_us=moment)
-    for name, fields in chain(_definitions(), _settings(log)):
+    names = [name for name in MESSAGES if name not in BATCHES or log.candidates("gyro_samples")]
+    for name, fields in chain(_definitions(names), _settings(log)):
         file.write(_records(name, stamps, fields).encode(0, 1).tobytes())
 
 
-def _definitions() -> Iterator[tuple[str, dict[str, Field]]]:
+def _definitions(names: Sequence[str]) -> Iterator[tuple[str, dict[str, Field]]]:
     """FMT of every type, then what their units and multipliers mean."""
-    for message in MESSAGES.values():
+    messages = [MESSAGES[name] for name in names]
+    for message in messages:
         yield (
             "FMT",
             {
@@ -316,7 +362,7 @@ def _definitions() -> Iterator[tuple[str, dict[str, Field]]]:
         yield "UNIT", {"Id": ord(letter), "Label": unit.encode()}
     for letter, factor in MULTIPLIERS.items():
         yield "MULT", {"Id": ord(letter), "Mult": factor}
-    for message in MESSAGES.values():
+    for message in messages:
         ids: dict[str, Field] = {"UnitIds": message.units.encode(), "MultIds": message.multipliers.encode()}
         yield "FMTU", {"FmtType": message.number} | ids
 

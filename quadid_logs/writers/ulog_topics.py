@@ -67,6 +67,10 @@ TOPICS: Final = {
         "uint32_t accelerometer_integral_dt;uint8_t accelerometer_clipping;uint8_t gyro_clipping;"
         "uint8_t accel_calibration_count;uint8_t gyro_calibration_count;"
     ),
+    "sensor_gyro_fifo": (
+        "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float dt;float scale;"
+        "int16_t[32] x;int16_t[32] y;int16_t[32] z;bool is_external;uint8_t samples;uint8_t[2] _padding0;"
+    ),
     "vehicle_status": (
         "uint64_t timestamp;uint64_t armed_time;uint64_t takeoff_time;uint64_t nav_state_timestamp;"
         "uint32_t valid_nav_states_mask;uint32_t can_set_nav_states_mask;uint8_t arming_state;"
@@ -112,6 +116,8 @@ TOPICS: Final = {
     ),
 }
 
+#: Defined in a log that holds it only.
+FIFO: Final = "sensor_gyro_fifo"
 #: PX4 parameters that are integers, by exact name; every other one is written as a float.
 INTEGER_PARAMETERS: Final = frozenset(
     (

@@ -33,7 +33,7 @@ from quadid_logs.writers.log_series import (
     write_clock,
 )
 from quadid_logs.writers.records import Column, Field, Records, write_merged
-from quadid_logs.writers.ulog_topics import TOPICS, row_type, whole_parameter
+from quadid_logs.writers.ulog_topics import FIFO, TOPICS, row_type, whole_parameter
 
 MAGIC = b"ULog\x01\x12\x35"
 VERSION = 1
@@ -59,6 +59,9 @@ STATE_DISARMED, STATE_ARMED, ROTARY_WING = 1, 2, 1
 #: msg/EscReport.msg: ACTUATOR_FUNCTION_MOTOR1.
 FUNCTION_MOTOR1 = 101
 
+#: Samples in a row of 32 places, and a count of a range of 2000 deg/s [rad/s].
+FIFO_SAMPLES, FIFO_LENGTH, GYRO_SCALE = 8, 32, math.radians(2000.0) / 32768.0
+
 Topic = tuple[str, int, Stamps, dict[str, Field]]
 
 
@@ -79,6 +82,7 @@ def write_ulog(log: FlightLog, file: BinaryIO) -> None:
     """
     clock = write_clock(log)
     topics = [*_rates(log, clock), *_actuators(log, clock), *_sensors(log, clock), *_states(log, clock)]
+    topics += _fifos(log, clock)
     streams = [_records(number, *topic) for number, topic in enumerate(topics)]
     starts = [int(stream.key_us[0]) for stream in streams]
     ends = [int(stream.key_us[-1]) for stream in streams]
@@ -214,6 +218,25 @@ def _every_row(fields: dict[str, Field], name: str, n_rows: int) -> dict[str, Fi
     return fields | {name: np.broadcast_to(row, (n_rows, *row.shape))}
 
 
+def _fifos(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
+    """Put what each gyro measured into rows of eight samples, at the time of the last one."""
+    for instance, signal in enumerate(one for one in log.candidates("gyro_samples") if one.raw):
+        stamps = clock.of(signal)
+        n_rows = signal.n_samples // FIFO_SAMPLES
+        last = FIFO_SAMPLES * np.arange(1, n_rows + 1) - 1
+        values = signal.values[: n_rows * FIFO_SAMPLES].reshape(n_rows, FIFO_SAMPLES, 3) / GYRO_SCALE
+        fields: dict[str, Field] = {
+            axis: np.pad(values[:, :, number], ((0, 0), (0, FIFO_LENGTH - FIFO_SAMPLES)))
+            for number, axis in enumerate("xyz")
+        }
+        fields |= {
+            "dt": float(np.median(np.diff(stamps.time_us))),
+            "scale": GYRO_SCALE,
+            "samples": FIFO_SAMPLES,
+        }
+        yield FIFO, instance, Stamps(time_us=stamps.time_us[last], key_us=stamps.key_us[last]), fields
+
+
 def _sensors(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
     """Attitude as a quaternion, the first IMU, the battery."""
     attitude = first(log, "attitude")
@@ -338,6 +361,8 @@ def _write_definitions(file: BinaryIO, log: FlightLog) -> None:
     """Write flag bits, formats, information and parameters."""
     file.write(_message("B", bytes(40)))
     for name, fields in TOPICS.items():
+        if name == FIFO and not log.candidates("gyro_samples"):
+            continue
         file.write(_message("F", f"{name}:{fields}".encode()))
     is_px4 = log.firmware.upper().startswith("PX4")
     release = (packed_version(log.firmware) if is_px4 else 0) or DEFAULT_RELEASE

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from quadid_logs.data.log import ModeChange
+from quadid_logs.data.log import ModeChange, Rows, Signal
 from quadid_logs.data.settings import AlignSettings
 
 from .flights import align, flight_log, flown, motion, signal
@@ -119,6 +121,26 @@ def test_a_log_without_time_has_no_segments() -> None:
     """And no crash."""
     data = align(flown(STEADY, has_time=False), AlignSettings())
     assert data.segments == ()
+
+
+def test_a_log_in_the_time_that_its_firmware_should_have_kept_is_looked_at_and_not_identified() -> None:
+    """Its flight is found; no model rests on a clock that nobody logged."""
+    data = align(flown(STEADY, has_time=False, is_nominal_time=True), AlignSettings())
+    assert data.flights
+    assert data.segments == ()
+
+
+def test_samples_that_are_written_ten_seconds_late_are_no_clock() -> None:
+    """Batches of a gyro are; a row of each 32 samples would outvote the rows that are written at once."""
+    late = STEADY[:-1, np.newaxis] - 10.0 + np.arange(32) / 3200.0
+    place = np.repeat(50 * np.arange(len(STEADY) - 1, dtype=np.int64) + 25, 32)
+    rows = Rows(late.ravel(), place)
+    samples = Signal(name="gyro_samples", rows=rows, values=np.zeros((rows.n_samples, 3)), source="late")
+    log = flown(STEADY)
+    data = align(replace(log, signals={**log.signals, "gyro_samples": (samples,)}), AlignSettings())
+    assert data.clock_resets == 0
+    assert data.sources["body_rate"].n_outliers == 0
+    assert len(data.segments) == len(align(log, AlignSettings()).segments)
 
 
 def test_an_empty_log_has_no_segments() -> None:

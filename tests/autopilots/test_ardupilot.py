@@ -164,11 +164,30 @@ def test_dropped_messages_are_counted(corpus: Path) -> None:
 
 @pytest.mark.corpus
 def test_a_log_without_times_says_so(corpus: Path) -> None:
-    """Firmware 3.0 logged no time: nothing is invented."""
+    """Firmware 3.0 logged no time; its 48 rows of PM say that it ran for eight minutes."""
     log = corpus_flight(corpus, "real/ac30-quadV-underpowered.log")
     assert not log.has_time
-    assert np.isnan(log.candidates("attitude")[0].time_s).all()
+    assert log.is_nominal_time
+    time_s = log.candidates("attitude")[0].time_s
+    assert (np.diff(time_s) >= 0.0).all()
+    assert 470.0 < time_s[-1] < 490.0
     assert any("no time" in remark for remark in log.remarks)
+
+
+def test_rows_without_time_count_ten_a_second_between_the_monitors_ten_seconds(tmp_path: Path) -> None:
+    """Three seconds before the first row of PM, ten behind it, ten without any, four at the end."""
+    control, monitor = "CTUN, 500, 0.1, 0.2, 0, 0, 0, 0, 500, 0", "PM, 0, 0, 0, 0, 1000, 10480, 0, 0"
+    rows = [*[control] * 30, monitor, *[control] * 100, monitor, monitor, *[control] * 40]
+    path = tmp_path / "old.log"
+    path.write_text(
+        "ArduCopter V3.0.1\nFMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format\n"
+        "FMT, 4, 25, CTUN, hcefhhhhh, ThrIn,SonAlt,BarAlt,WPAlt,NavThr,AngBst,CRate,ThrOut,DCRate\n"
+        "FMT, 6, 17, PM, BBBHHIhB, RenCnt,RenBlw,FixCnt,NLon,NLoop,MaxT,PMT,I2CErr\n" + "\n".join(rows) + "\n"
+    )
+    log = read_text(path)
+    assert not log.has_time
+    time_s = log.candidates("throttle")[0].time_s
+    np.testing.assert_allclose(time_s[[0, 29, 30, 129, 130, 169]], [7.0, 9.9, 10.0, 19.9, 30.0, 33.9])
 
 
 @pytest.mark.corpus

@@ -107,6 +107,7 @@ ARDUPILOT_CASES: dict[tuple[str, str, tuple[str, ...]], Case] = {
     **{("velocity", name, ("VN", "VE", "VD")): each(I3) for name in ("XKF1", "NKF1")},
     **{("attitude_setpoint", name, ("DesRoll", "DesPitch", "DesYaw")): each(DEGREE * I3)
        for name in ("ANG", "ATT")},
+    ("attitude_setpoint", "ATT", ("RollIn", "PitchIn", "NavYaw")): each(DEGREE * I3),
     ("vibration", "VIBE", ("VibeX", "VibeY", "VibeZ")): each(I3),
     ("accelerometer_clips", "VIBE", ("Clip",)): each(I1),
     ("accelerometer_clips", "VIBE", ("Clip0", "Clip1", "Clip2")): each(I3),
@@ -281,6 +282,10 @@ PX4_CASES: dict[tuple[str, str, tuple[str, ...]], tuple[str, Case]] = {
         "float accel_vibration_metric", each(I1)),
     ("accelerometer_clips", "vehicle_imu_status", tuple(f"accel_clipping[{k}]" for k in range(3))): (
         "float[3] accel_clipping", each(I3)),
+    # One sample in each row of 32 places, a thousand counts of a milliradian per second.
+    ("gyro_samples", "sensor_gyro_fifo", ("x", "y", "z", "dt", "scale", "samples")): (
+        "float[32] x;float[32] y;float[32] z;float dt;float scale;float samples",
+        Case([[*1000.0 * np.eye(96)[32 * k], 1000.0, 1e-3, 1.0] for k in range(3)], I3)),
     ("torque_command", "vehicle_torque_setpoint", ("xyz",)): ("float[3] xyz", each(I3)),
     ("torque_command", "actuator_controls_0", ("control[0]", "control[1]", "control[2]")): (
         "float[8] control", each(np.eye(8, 3))),

@@ -49,7 +49,18 @@ def test_an_oscillation_hints_at_gains_only_where_tuning_knows_the_way() -> None
 def test_a_log_without_a_flight_says_so_once() -> None:
     """Not once for every chart."""
     missing = dict.fromkeys(
-        ("tracking", "attitude", "steps", "noise", "motors", "vibration", "battery", "oscillation", "rotors"),
+        (
+            "tracking",
+            "attitude",
+            "steps",
+            "noise",
+            "motors",
+            "throttle",
+            "vibration",
+            "battery",
+            "oscillation",
+            "rotors",
+        ),
         "the throttle never left idle",
     )
     view = health_view(replace(refused_result(), health=Health(missing=missing)))

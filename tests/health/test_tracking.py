@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.health.steps import find_responses, find_steps
+from quadid_logs.health.steps import find_angle_lags, find_responses, find_steps
 from quadid_logs.health.tracking import find_tracking
 from tests.health.flights import coloured, delayed, grid, series
 
@@ -116,3 +116,67 @@ def test_the_error_of_a_slow_log_is_that_of_its_own_rows() -> None:
     assert found is not None
     expected = np.sqrt(np.mean((asked - rates) ** 2, axis=0))
     assert [each.error_rms.value for each in found.axes.values()] == pytest.approx(expected)
+
+
+def angles_off(by_deg: float, for_s: float):
+    """Return angles that follow, but for one stretch in which roll is off."""
+    t = grid(20.0)
+    asked = np.radians(10.0) * coloured(5, t.size, 20.0, 1.0)
+    flown = asked.copy()
+    flown[400 : 400 + round(20.0 * for_s), 0] += np.radians(by_deg)
+    return series("attitude", t, flown), series("attitude_setpoint", t, asked), ((t[0], t[-1]),)
+
+
+@pytest.mark.parametrize(
+    ("by_deg", "for_s", "level"),
+    [(4.0, 10.0, "normal"), (9.0, 0.15, "normal"), (7.0, 1.0, "high"), (25.0, 1.0, "severe")],
+)
+def test_angles_that_stay_off_their_set_points_are_judged(by_deg: float, for_s: float, level: str) -> None:
+    """As a published analyzer does: 5 and 10 degrees, for a quarter of a second."""
+    found = find_tracking(*angles_off(by_deg, for_s), {}, of="angles")
+    assert found is not None
+    assert found.level == level
+    assert found.off is not None
+    assert found.off.value == pytest.approx(0.0 if level == "normal" else for_s / 60.0, rel=0.01)
+
+
+def test_a_nose_that_lags_behind_its_set_point_is_not_judged() -> None:
+    """A turn is asked for at once, and takes its time."""
+    actual, setpoint, intervals = angles_off(0.0, 1.0)
+    turned = setpoint.values.copy()
+    turned[400:500, 2] += np.radians(90.0)
+    found = find_tracking(
+        actual, series("attitude_setpoint", setpoint.time_s, turned), intervals, {}, of="angles"
+    )
+    assert found is not None
+    assert found.level == "normal"
+
+
+def test_rates_that_do_not_follow_are_told_from_those_that_do() -> None:
+    """A loop that does not follow at all misses by all that is asked of it."""
+    rate, setpoint, intervals = flight(100.0, 0.02, 0.0)
+    still = rate.values.copy()
+    still[:, 1] = 0.5 * np.random.default_rng(3).standard_normal(still.shape[0])
+    following = find_tracking(rate, setpoint, intervals, {}, of="rates")
+    lost = find_tracking(series("body_rate", rate.time_s, still), setpoint, intervals, {}, of="rates")
+    assert following is not None
+    assert lost is not None
+    assert "Every axis misses by less" in following.sentence
+    assert "Pitch misses by as much" in lost.sentence
+
+
+@pytest.mark.parametrize(("rate_hz", "lag_s"), [(20.0, 0.16), (50.0, 0.12), (400.0, 0.09)])
+def test_the_lag_of_angles_is_that_of_their_changes(rate_hz: float, lag_s: float) -> None:
+    """A vehicle that leans by 15 degrees all the time, and follows late."""
+    t = grid(rate_hz)
+    asked = coloured(1, t.size, rate_hz, 1.5)
+    flown = delayed(asked, rate_hz, lag_s)
+    lean = np.radians([15.0, -10.0, 0.0])
+    found = find_angle_lags(
+        series("attitude", t, flown + lean), series("attitude_setpoint", t, asked + lean), ((t[0], t[-1]),)
+    )
+    # A slow log may leave an axis open; yaw is never told.
+    assert found
+    assert set(found) <= {"roll", "pitch"}
+    for one in found.values():
+        assert one.value == pytest.approx(lag_s, abs=max(0.005, 0.15 / rate_hz))

@@ -16,6 +16,10 @@ from quadid_logs.data.log import Rows
 _SAMPLE_COLUMN: Final = "SampleUS"
 _TIME_COLUMNS: Final = {"TimeUS": 1_000_000, "TimeMS": 1000, _SAMPLE_COLUMN: 1_000_000}
 TIME_LABELS: Final = frozenset(_TIME_COLUMNS)
+#: Firmware that logged no time wrote these at 10 Hz, and PM every ten seconds, which says so itself with 1000
+#: loops of 10 ms (ArduCopter 3.0, ten_hz_logging_loop and perf_update).
+_TEN_HERTZ: Final = ("CTUN", "ATT")
+_STEP_S, _MONITOR, _MONITOR_S = 0.1, "PM", 10.0
 #: Their TimeMS is not this clock: it is the time of week of the GPS receiver.
 _FOREIGN_CLOCK: Final = frozenset({"GPS", "GPS2"})
 
@@ -63,14 +67,19 @@ class LogClock:
     def __init__(self, tables: Iterable[MessageTable]) -> None:
         self._rows: dict[MessageTable, Rows] = {}
         self._reference: Rows | None = None
-        timed = [table for table in tables if _time_label(table) is not None]
+        every = list(tables)
+        timed = [table for table in every if _time_label(table) is not None]
         if timed:
             self._reference = self.rows(max(timed, key=lambda table: table.n_rows))
+        else:
+            self._reference = _nominal(every)
+        self.has_time = bool(timed)
+        """False where no row of the log carries a time."""
 
     @property
-    def has_time(self) -> bool:
-        """False where no row of the log carries a time."""
-        return self._reference is not None
+    def is_nominal(self) -> bool:
+        """Whether times are those at which the firmware should have logged."""
+        return self._reference is not None and not self.has_time
 
     def rows(self, table: MessageTable) -> Rows:
         """Return the rows of a table: the same object each time.
@@ -82,7 +91,8 @@ class LogClock:
         Returns
         -------
         Rows
-            With their own time [s], else that of the row before them in the file; NaN where no row has any.
+            With their own time [s], else that of the row before them in the file, else that at which the
+            firmware should have logged; NaN where nothing tells.
         """
         if table not in self._rows:
             known, own = self._reference, own_time(table)
@@ -90,3 +100,25 @@ class LogClock:
                 own = time_before(table.position, known.position, known.time_s)
             self._rows[table] = Rows(np.full(table.n_rows, np.nan) if own is None else own, table.position)
         return self._rows[table]
+
+
+def _nominal(tables: Iterable[MessageTable]) -> Rows | None:
+    """Return rows that were logged at 10 Hz with the times of that, in step with the monitor's ten seconds.
+
+    While nothing was logged at 10 Hz, as on the ground, the monitor's rows keep the time.
+    """
+    named = {table.name: table for table in tables if table.n_rows}
+    regular = next((named[name] for name in _TEN_HERTZ if name in named), None)
+    if regular is None:
+        return None
+    marks = named[_MONITOR].position if _MONITOR in named else np.zeros(0, np.int64)
+    span = np.searchsorted(marks, regular.position)
+    first = np.searchsorted(span, span)
+    n_rows = np.searchsorted(span, span, side="right") - first
+    step_s = np.minimum(_STEP_S, _MONITOR_S / n_rows)
+    if not len(marks):
+        step_s = np.full(regular.n_rows, _STEP_S)
+    # What lies before the first of the monitor's rows was logged just before it.
+    before_s = np.where(span == 0, _MONITOR_S - n_rows * step_s, 0.0)
+    times = _MONITOR_S * span + before_s + step_s * (np.arange(regular.n_rows) - first)
+    return Rows(np.asarray(times, dtype=np.float64), regular.position)

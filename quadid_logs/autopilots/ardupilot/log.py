@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.autopilots.ardupilot import batches
 from quadid_logs.autopilots.ardupilot.clock import LogClock, own_time
 from quadid_logs.autopilots.ardupilot.filters import parameter_filter
 from quadid_logs.autopilots.ardupilot.followed import LABELS as FOLLOWED_LABELS
@@ -112,6 +113,7 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
     """
     wanted = messages_to_read(source.counts) | _DESCRIPTIONS | _PIDS | MESSAGES | {SCALE_MESSAGE}
     tables = source.read_messages(wanted, LABELS | _LABELS | TERM_LABELS | FOLLOWED_LABELS)
+    batched = source.read_messages(batches.MESSAGES & source.counts.keys(), batches.LABELS)
     clock = LogClock(tables.values())
     parameters = tables["PARM"].named_values("Name", "Value") if "PARM" in tables else {}
     texts = _texts(tables.get("MSG"), clock)
@@ -126,6 +128,8 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         [one for one in SOURCES if one.signal in ("throttle", "rotor_speed")], messages.parts
     )
     seen = followed(tables, movers)
+    gyro_filter = parameter_filter(parameters, seen, identity.version)
+    samples = batches.gyro_batches(batched, parameters, gyro_filter)
     return FlightLog(
         path=source.path,
         format=log_format,
@@ -134,9 +138,10 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         signals=build_signals(
             SOURCES,
             messages.parts,
-            gyro_filter=parameter_filter(parameters, seen, identity.version),
+            gyro_filter=gyro_filter,
             nominal_rate_hz={"RATE": attitude_hz, "ANG": attitude_hz},
-        ),
+        )
+        | ({"gyro_samples": samples} if samples else {}),
         firmware=identity.firmware,
         vehicle_type=identity.vehicle_type,
         frame=identity.frame,
@@ -151,6 +156,7 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         n_dropped=_dropped(tables),
         counts=_counts(source),
         has_time=clock.has_time,
+        is_nominal_time=clock.is_nominal,
         utc_offset_s=_utc_offset_s(tables.get("GPS"), clock),
         remarks=_remarks(tables, clock, messages.rate_scale),
     )
@@ -263,6 +269,11 @@ def _remarks(
     )
     if not clock.has_time:
         remarks.append("The rows of this log carry no time: firmware before 3.1 did not log it.")
+        if clock.is_nominal:
+            remarks.append(
+                "Charts take ten rows of CTUN or ATT for a second, as that firmware logged them. "
+                "Nothing is identified from such times."
+            )
     elif without:
         remarks.append(
             f"Rows of {', '.join(without)} carry no time; they take that of the row before them in the file."

@@ -412,6 +412,8 @@ _GYRO: Final = ("GyrX", "GyrY", "GyrZ")
 _ACCELEROMETER: Final = ("AccX", "AccY", "AccZ")
 _ANGLES: Final = ("Roll", "Pitch", "Yaw")
 _ASKED_ANGLES: Final = tuple(f"Des{angle}" for angle in _ANGLES)
+#: ArduCopter 3.0, Log_Write_Attitude: control_roll, control_pitch and nav_yaw, which the angle loops follow.
+_OLD_ASKED_ANGLES: Final = ("RollIn", "PitchIn", "NavYaw")
 _VIBRATION: Final = ("VibeX", "VibeY", "VibeZ")
 _CHANNELS: Final = tuple(f"{prefix}{n}" for prefix in ("C", "Ch", "Chan", "Mot") for n in range(1, 33))
 _ESCS: Final = tuple(f"ESC{number}" for number in range(1, 9))
@@ -451,6 +453,7 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
     _estimated("velocity", "NKF1", _VELOCITY, "EKF2", beside=("NKF4",)),
     *(_core("attitude_setpoint", name, _ASKED_ANGLES, "target of the attitude controller")
       for name in ("ANG", "ATT")),
+    _core("attitude_setpoint", "ATT", _OLD_ASKED_ANGLES, "target of the attitude controller before 3.1"),
     *(_whole("torque_command", "RATE", age.output, "the rate controller's output to the mixer", _command)
       for age in _RATE_AGES),
     _pids("torque_command", "PIDR", ("P",), "RATE is missing: rebuilt as the sum of the PID terms, without "

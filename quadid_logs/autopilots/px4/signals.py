@@ -12,6 +12,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.autopilots.px4.fifo import FIELDS, gyro_fifo
 from quadid_logs.autopilots.sources import (
     RPM,
     Part,
@@ -123,6 +124,8 @@ SOURCES: Final[tuple[Source[_Part], ...]] = (
            "of one sensor, at its own rate"),
     Source("accelerometer_clips", "vehicle_imu_status", tuple(f"accel_clipping[{n}]" for n in range(3)),
            "of one sensor, by axis"),
+    Source("gyro_samples", "sensor_gyro_fifo", FIELDS, "every sample of the gyro, before its filters",
+           gyro_fifo, raw=True),
     Source("battery_voltage", "battery_status", ("voltage_v",), "measured"),
     Source("armed", "vehicle_status", ("arming_state",), "the commander's arming state", _armed,
            label="arming_state == 2"),
