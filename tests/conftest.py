@@ -16,6 +16,7 @@ import hypothesis
 import pytest
 
 from tests.kept import SHELVES, Shelf, clear_others, code_key
+from tests.kept_stages import STAGES, kept_stages, watch_patches
 
 if TYPE_CHECKING:
     from tests.analyses import Analyzed
@@ -29,6 +30,8 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+watch_patches()
 
 # The same examples for the same code, so that what fails fails again; `make check-all` draws new ones.
 hypothesis.settings.register_profile("reproducible", derandomize=True)
@@ -132,6 +135,7 @@ KEPT = {
     "analyses": "quadid_logs.pipeline",
     "flights": "quadid_logs.simulate.closed_loop",
     "tuned": "tests.tuned_flights",
+    **STAGES,
 }
 
 
@@ -211,6 +215,13 @@ def kept_flights(shelves: dict[str, Shelf]) -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(closed_loop, "_fly", kept)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def stages_once(shelves: dict[str, Shelf]) -> Iterator[None]:
+    """Identify no flight, close no loop and tune no axis twice (`tests/kept_stages.py`)."""
+    with kept_stages(shelves):
         yield
 
 
