@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import pickle
+import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import wraps
 from types import FunctionType, ModuleType
 from typing import Any, Final
+from unittest.mock import patch
 from weakref import WeakSet
 
 import numpy as np
@@ -74,16 +76,16 @@ def watch_patches() -> None:
     setattr_of = pytest.MonkeyPatch.setattr
 
     @wraps(setattr_of)
-    def noted(patch: pytest.MonkeyPatch, *given: Any, **named: Any) -> None:
-        _PATCHES.add(patch)
-        setattr_of(patch, *given, **named)
+    def noted(own: pytest.MonkeyPatch, *given: Any, **named: Any) -> None:
+        _PATCHES.add(own)
+        setattr_of(own, *given, **named)
 
     pytest.MonkeyPatch.setattr = noted  # type: ignore[method-assign]
 
 
 def is_patched(modules: frozenset[str]) -> bool:
     """Say whether something of these modules is patched now."""
-    changed = (one for patch in _PATCHES for one, _name, _before in patch._setattr)
+    changed = (one for each in _PATCHES for one, _name, _before in each._setattr)
     return any(
         (one.__name__ if isinstance(one, ModuleType) else getattr(one, "__module__", "")) in modules
         for one in changed
@@ -93,7 +95,8 @@ def is_patched(modules: frozenset[str]) -> bool:
 @contextmanager
 def kept_stages(shelves: Mapping[str, Shelf]) -> Iterator[None]:
     """Keep what the stages of every analysis and tuning return."""
-    from quadid_logs import pipeline, tuning
+    from quadid_logs import identify, pipeline, tuning  # noqa: F401 - whoever calls the stages is loaded
+    from quadid_logs.control import closed_loop
 
     inside = frozenset(modules_behind(*_INSIDE))
 
@@ -119,10 +122,16 @@ def kept_stages(shelves: Mapping[str, Shelf]) -> Iterator[None]:
             return work(axes, *given, **named)
         return {axis: of_one(axis, known, given, named) for axis, known in axes.items()}
 
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(pipeline, "identify", kept("identified", pipeline.identify))
-        patched.setattr(pipeline, "close_loop", kept("loops", pipeline.close_loop))
-        patched.setattr(tuning, "tune_axes", axis_by_axis)
+    # Not by pytest's patches, which say that a test changed something.
+    with ExitStack() as patched:
+        patched.enter_context(patch.object(tuning, "tune_axes", axis_by_axis))
+        for kind, stage in (("identified", identify.identify), ("loops", closed_loop.close_loop)):
+            # Tests hold them by name, too.
+            for module in [
+                one for name, one in sys.modules.items() if name.startswith(("quadid_logs", "tests"))
+            ]:
+                if getattr(module, stage.__name__, None) is stage:
+                    patched.enter_context(patch.object(module, stage.__name__, kept(kind, stage)))
         yield
 
 
