@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import shutil
@@ -244,3 +245,9 @@ def corpus_log(corpus: Path, request: pytest.FixtureRequest) -> Path:
     if not path.exists():
         pytest.fail(f"{path} is missing from the log corpus")
     return path
+
+
+def pytest_collection_finish() -> None:
+    """Take what thousands of collected tests are made of for no garbage: it would be looked through each time."""
+    gc.collect()
+    gc.freeze()
