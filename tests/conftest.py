@@ -248,6 +248,6 @@ def corpus_log(corpus: Path, request: pytest.FixtureRequest) -> Path:
 
 
 def pytest_collection_finish() -> None:
-    """Take what thousands of collected tests are made of for no garbage: it would be looked through each time."""
+    """Take what thousands of collected tests are made of for no garbage: each look through it takes long."""
     gc.collect()
     gc.freeze()
