@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import wraps
+from functools import cache, wraps
 from types import FunctionType, ModuleType
 from typing import Any, Final
 from unittest.mock import patch
@@ -83,13 +83,20 @@ def watch_patches() -> None:
     pytest.MonkeyPatch.setattr = noted  # type: ignore[method-assign]
 
 
-def is_patched(modules: frozenset[str]) -> bool:
-    """Say whether something of these modules is patched now."""
+def is_patched() -> bool:
+    """Say whether something inside of the stages is patched now."""
     changed = (one for each in _PATCHES for one, _name, _before in each._setattr)
-    return any(
-        (one.__name__ if isinstance(one, ModuleType) else getattr(one, "__module__", "")) in modules
-        for one in changed
-    )
+    names = {
+        one.__name__ if isinstance(one, ModuleType) else getattr(one, "__module__", None) for one in changed
+    }
+    ours = {name for name in names if name is not None and name.startswith("quadid_logs.")}
+    return bool(ours) and not ours.isdisjoint(_inside())
+
+
+@cache
+def _inside() -> frozenset[str]:
+    """Return all modules in which a patch changes what the stages return."""
+    return frozenset(modules_behind(*_INSIDE))
 
 
 @contextmanager
@@ -98,12 +105,10 @@ def kept_stages(shelves: Mapping[str, Shelf]) -> Iterator[None]:
     from quadid_logs import identify, pipeline, tuning  # noqa: F401 - whoever calls the stages is loaded
     from quadid_logs.control import closed_loop
 
-    inside = frozenset(modules_behind(*_INSIDE))
-
     def kept(kind: str, work: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(work)
         def asked(*given: Any, **named: Any) -> Any:
-            if is_patched(inside):
+            if is_patched():
                 return work(*given, **named)
             return shelves[kind].get(content_key(given, named), lambda: work(*given, **named))
 
@@ -118,7 +123,7 @@ def kept_stages(shelves: Mapping[str, Shelf]) -> Iterator[None]:
     @wraps(work)
     def axis_by_axis(axes: Mapping[str, Any], *given: Any, **named: Any) -> Any:
         # Filters are of all axes.
-        if is_patched(inside) or named.get("filters") is not None:
+        if is_patched() or named.get("filters") is not None:
             return work(axes, *given, **named)
         return {axis: of_one(axis, known, given, named) for axis, known in axes.items()}
 

@@ -136,11 +136,10 @@ def test_a_log_under_another_name_is_identified_once(tmp_path: Path, monkeypatch
 
 def test_what_is_patched_is_worked_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """A module of a stage, or a class in it; and not only once."""
-    inside = frozenset({"quadid_logs.control.recommend"})
-    assert not is_patched(inside)
+    assert not is_patched()
     monkeypatch.setattr(recommend._Search, "parameters", {})
-    assert is_patched(inside)
+    assert is_patched()
     monkeypatch.undo()
-    assert not is_patched(inside)
+    assert not is_patched()
     monkeypatch.setattr(recommend, "MOST_UP", 3.0)
-    assert is_patched(inside)
+    assert is_patched()
