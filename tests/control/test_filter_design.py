@@ -245,6 +245,12 @@ def test_an_oscillation_of_the_loop_gets_no_notch() -> None:
     assert _choices("px4", {"IMU_GYRO_NF0_FRQ": 0.0}, _line(8.0, LineSource.LOOP)).notches == ()
 
 
+def test_a_notch_that_stands_on_an_oscillation_of_the_loop_is_switched_off() -> None:
+    """It cures none, and costs the loop phase."""
+    flown = {"IMU_GYRO_NF0_FRQ": 8.0, "IMU_GYRO_NF0_BW": 4.0}
+    assert _choices("px4", flown, _line(8.0, LineSource.LOOP)).notches == ({"IMU_GYRO_NF0_FRQ": 0.0},)
+
+
 def test_both_ends_of_a_range_move_together() -> None:
     flown = {"gyro_lpf1_dyn_hz[0]": 250.0, "gyro_lpf1_dyn_hz[1]": 500.0, "gyro_lpf1_static_hz": 250.0}
     (gyro,) = _choices("betaflight", flown).shared
