@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import shutil
@@ -16,6 +17,7 @@ import hypothesis
 import pytest
 
 from tests.kept import SHELVES, Shelf, clear_others, code_key
+from tests.kept_stages import STAGES, kept_stages, watch_patches
 
 if TYPE_CHECKING:
     from tests.analyses import Analyzed
@@ -29,6 +31,8 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+watch_patches()
 
 # The same examples for the same code, so that what fails fails again; `make check-all` draws new ones.
 hypothesis.settings.register_profile("reproducible", derandomize=True)
@@ -132,6 +136,7 @@ KEPT = {
     "analyses": "quadid_logs.pipeline",
     "flights": "quadid_logs.simulate.closed_loop",
     "tuned": "tests.tuned_flights",
+    **STAGES,
 }
 
 
@@ -214,6 +219,13 @@ def kept_flights(shelves: dict[str, Shelf]) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def stages_once(shelves: dict[str, Shelf]) -> Iterator[None]:
+    """Identify no flight, close no loop and tune no axis twice (`tests/kept_stages.py`)."""
+    with kept_stages(shelves):
+        yield
+
+
 @pytest.fixture(scope="module")
 def quick_multisines() -> Iterator[None]:
     """Search for low peaks from one start and not from eleven, for tests to which any multisine will do."""
@@ -233,3 +245,9 @@ def corpus_log(corpus: Path, request: pytest.FixtureRequest) -> Path:
     if not path.exists():
         pytest.fail(f"{path} is missing from the log corpus")
     return path
+
+
+def pytest_collection_finish() -> None:
+    """Take what thousands of collected tests are made of for no garbage: each look through it takes long."""
+    gc.collect()
+    gc.freeze()

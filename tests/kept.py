@@ -16,6 +16,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final, TypeVar
@@ -122,7 +123,7 @@ def modules_behind(*modules: str, root: Path = ROOT) -> dict[str, Path]:
         if path is None:
             continue
         found[name] = path
-        left += [name.rpartition(".")[0], *_imports(ast.parse(path.read_bytes()))]
+        left += [name.rpartition(".")[0], *_imports_of(path.read_bytes())]
         if name == "quadid_logs.autopilots":  # which imports its folders by their names
             left += [f"{name}.{folder.name}" for folder in path.parent.iterdir()]
     return found
@@ -132,6 +133,12 @@ def _file_of(module: str, root: Path) -> Path | None:
     place = root.joinpath(*module.split("."))
     paths = (place.with_suffix(".py"), place / "__init__.py")
     return next((path for path in paths if module and path.is_file()), None)
+
+
+@cache
+def _imports_of(source: bytes) -> tuple[str, ...]:
+    """Return what a module imports; each is behind many others, and is parsed once."""
+    return tuple(_imports(ast.parse(source)))
 
 
 def _imports(node: ast.AST) -> Iterator[str]:

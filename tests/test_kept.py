@@ -5,12 +5,17 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from quadid_logs import pipeline
+from quadid_logs.control import recommend
 from tests.conftest import KEPT, REPOSITORY
 from tests.kept import Shelf, clear_others, code_key, modules_behind
+from tests.kept_stages import content_key, is_patched
 
 
 @pytest.fixture
@@ -99,3 +104,42 @@ def test_what_other_code_made_is_deleted(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
     clear_others(tmp_path, {"flights-new"})
     assert [path.name for path in tmp_path.iterdir()] == ["flights-new"]
+
+
+def _scaled(factor: float) -> Callable[[float], float]:
+    def scaled(value: float) -> float:
+        return factor * value
+
+    return scaled
+
+
+def test_a_copy_has_the_same_key_and_another_content_another() -> None:
+    """Whether or not the parts of a thing are one object; a function counts with what it holds."""
+    one = np.arange(3.0)
+    copy = [np.arange(3.0), np.arange(3.0), _scaled(2.0)]
+    assert content_key([one, one, _scaled(2.0)]) == content_key(copy)
+    assert content_key([one, one, _scaled(2.0)]) != content_key([one, one, _scaled(3.0)])
+    assert content_key([one, one + 1e-15, _scaled(2.0)]) != content_key(copy)
+
+
+def test_a_log_under_another_name_is_identified_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a flight tells does not depend on where its log lay; its path and its times are its own."""
+    sample = REPOSITORY / "sample_logs" / "default-logging.bin"
+    path = tmp_path / "other.bin"
+    path.write_bytes(sample.read_bytes())
+    before = pipeline.analyze(sample)
+    monkeypatch.setattr(Shelf, "_keep", lambda *_: pytest.fail("it was worked out again"))
+    after = pipeline.analyze(path)
+    assert after.log.path == str(path)
+    assert content_key(after.identification) == content_key(before.identification)
+
+
+def test_what_is_patched_is_worked_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A module of a stage, or a class in it; and not only once."""
+    assert not is_patched()
+    monkeypatch.setattr(recommend._Search, "parameters", {})
+    assert is_patched()
+    monkeypatch.undo()
+    assert not is_patched()
+    monkeypatch.setattr(recommend, "MOST_UP", 3.0)
+    assert is_patched()

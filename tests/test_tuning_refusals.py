@@ -15,6 +15,7 @@ from quadid_logs.control.posterior import draw
 from quadid_logs.data.closed_loop import AxisLoop
 from quadid_logs.data.controller import Replay, ReplayReason
 from quadid_logs.data.diagnosis import AxisVerdict, Finding
+from quadid_logs.data.off_nominal import AS_FLOWN, OFF_NOMINAL, Ranges
 from quadid_logs.data.result import PooledLog, Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Limits
 from quadid_logs.diagnose.advice import advice_for
@@ -180,6 +181,14 @@ def unlogged_limiter(result: Result) -> Result:
 
 
 HIGH = Limits(39.0, 89.0, 1.9)
+#: What makes a flight useless does so whatever else the vehicle is to bear; the vehicle as it flew is quick.
+RANGES = pytest.mark.parametrize(
+    "ranges",
+    [
+        pytest.param(AS_FLOWN, id="as flown"),
+        pytest.param(OFF_NOMINAL, id="ranges", marks=pytest.mark.thorough),
+    ],
+)
 SABOTAGES: dict[str, tuple[str, Callable[[Result], Result]]] = {
     "settings of another autopilot": ("QL611", on_log(autopilot="betaflight")),
     "no autopilot": ("QL610", on_log(autopilot="other")),
@@ -223,7 +232,7 @@ SABOTAGES: dict[str, tuple[str, Callable[[Result], Result]]] = {
 @cache
 def unharmed(axis: str) -> AxisTuning:
     """What is recommended for the flight as it was."""
-    return recommend(flown("ardupilot"), GOOD, [axis]).axes[axis]
+    return recommend(flown("ardupilot"), GOOD, [axis], ranges=AS_FLOWN).axes[axis]
 
 
 def test_the_loop_of_a_refused_model_is_not_called_unstable() -> None:
@@ -263,11 +272,12 @@ def test_firmware_too_old_for_gains_is_told_to_be_updated(
     assert bool(told) == bool(advice_for(autopilot).controller_note(version))
 
 
+@RANGES
 @pytest.mark.parametrize("name", SABOTAGES)
-def test_a_sabotaged_flight_is_refused_by_name(name: str) -> None:
+def test_a_sabotaged_flight_is_refused_by_name(name: str, ranges: Ranges) -> None:
     """Every one of these would make the promise of margins a lie."""
     code, sabotage = SABOTAGES[name]
-    found = recommend(sabotage(flown("ardupilot")), GOOD, ["roll"]).axes["roll"]
+    found = recommend(sabotage(flown("ardupilot")), GOOD, ["roll"], ranges=ranges).axes["roll"]
     assert found.verdict == "refused"
     assert code in [one.code for one in found.reasons]
     assert not found.gains
@@ -275,7 +285,7 @@ def test_a_sabotaged_flight_is_refused_by_name(name: str) -> None:
 
 @pytest.mark.parametrize("axis", ["roll", thorough("pitch")])
 def test_yaw_at_its_limits_holds_no_other_axis(axis: str) -> None:
-    found = recommend(yaw_at_its_limits(flown("ardupilot")), GOOD, [axis])
+    found = recommend(yaw_at_its_limits(flown("ardupilot")), GOOD, [axis], ranges=AS_FLOWN)
     assert found.axes[axis].gains == unharmed(axis).gains
 
 
@@ -289,7 +299,8 @@ def test_a_refused_model_is_named_with_its_reason() -> None:
 def test_a_caution_that_only_widens_intervals_is_no_refusal() -> None:
     """The response around the crossover decides about gains, and it is measured."""
     cautious = judged("caution", "QL503")(flown("ardupilot"))
-    assert recommend(cautious, GOOD, ["roll"]).axes["roll"].verdict == "change"
+    found = recommend(cautious, GOOD, ["roll"], ranges=AS_FLOWN)
+    assert found.axes["roll"].verdict == "change"
 
 
 def test_a_caution_above_whose_band_nothing_was_measured_is_refused() -> None:
@@ -303,10 +314,11 @@ def test_the_flight_itself_is_not_refused() -> None:
     assert unharmed("roll").verdict != "refused"
 
 
+@RANGES
 @pytest.mark.parametrize("apart", [False, thorough(True)])
-def test_limits_that_no_factor_keeps_are_refused_by_name(apart: bool) -> None:
+def test_limits_that_no_factor_keeps_are_refused_by_name(apart: bool, ranges: Ranges) -> None:
     """39 dB and 89 degrees: no gain is low enough for that."""
-    found = recommend(flown("ardupilot"), HIGH, ["roll"], apart=apart).axes["roll"]
+    found = recommend(flown("ardupilot"), HIGH, ["roll"], apart=apart, ranges=ranges).axes["roll"]
     assert [one.code for one in found.reasons] == ["QL624"]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import pytest
 from quadid_logs import analyze
 from quadid_logs.autopilots import named
 from quadid_logs.control import recommend as recommend_module
-from quadid_logs.control.filter_design import Changes, most_noise
+from quadid_logs.control.filter_design import most_noise
 from quadid_logs.control.filter_guard import is_no_worse, is_worth_it
 from quadid_logs.control.loop import gyro_filters
 from quadid_logs.control.separate_gains import _aliases
@@ -48,18 +48,28 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 @pytest.fixture(scope="module", autouse=True)
 def searched_once() -> Iterator[None]:
-    """Search once for the filters of the same axes: what is held here is what becomes of them."""
-    found: dict[tuple[str, ...], Changes | None] = {}
-    search = recommend_module.design_filters
+    """Search once for the gains and filters of the same axes: what is held here is what becomes of them."""
 
-    def once(searches: Mapping[str, Any], *given: Any, **named: Any) -> Changes | None:
-        axes = tuple(searches)
-        if axes not in found:
-            found[axes] = search(searches, *given, **named)
-        return found[axes]
+    def once(search: Callable[..., Any], key_of: Callable[..., object]) -> Callable[..., Any]:
+        found: dict[object, Any] = {}
+
+        def kept(*given: Any, **named: Any) -> Any:
+            key = key_of(*given, **named)
+            if key not in found:
+                found[key] = search(*given, **named)
+            return found[key]
+
+        return kept
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recommend_module, "design_filters", once)
+        # One flight, and limits that are never changed.
+        for where, name, key_of in (
+            (recommend_module, "_searched", lambda axis, *_, **choice: (axis.case.axis, *choice.items())),
+            (recommend_module, "_decided", lambda search, *_, **choice: (search, *choice.items())),
+            (recommend_module, "design_filters", lambda searches, *_, **choice: (*searches, *choice.items())),
+            (recommend_module._Search, "with_filters", lambda search, changes, _: (search, *changes.items())),
+        ):
+            patch.setattr(where, name, once(getattr(where, name), key_of))
         yield
 
 
@@ -134,7 +144,9 @@ def test_filters_of_all_axes_stay_where_an_axis_is_not_asked_for(flown: Result) 
 
 
 def test_one_factor_changes_no_filters(flown: Result) -> None:
-    assert not any(one.filters for one in recommend(flown, apart=False, filters=True).axes.values())
+    assert not any(
+        one.filters for one in recommend(flown, axes=("roll",), apart=False, filters=True).axes.values()
+    )
 
 
 def test_files_hold_each_filter_once_and_its_way_back(flown: Result, tuned: Tuning) -> None:
@@ -231,6 +243,12 @@ def test_a_notch_on_nothing_is_switched_off_and_the_other_is_put_on_the_line() -
 
 def test_an_oscillation_of_the_loop_gets_no_notch() -> None:
     assert _choices("px4", {"IMU_GYRO_NF0_FRQ": 0.0}, _line(8.0, LineSource.LOOP)).notches == ()
+
+
+def test_a_notch_that_stands_on_an_oscillation_of_the_loop_is_switched_off() -> None:
+    """It cures none, and costs the loop phase."""
+    flown = {"IMU_GYRO_NF0_FRQ": 8.0, "IMU_GYRO_NF0_BW": 4.0}
+    assert _choices("px4", flown, _line(8.0, LineSource.LOOP)).notches == ({"IMU_GYRO_NF0_FRQ": 0.0},)
 
 
 def test_both_ends_of_a_range_move_together() -> None:

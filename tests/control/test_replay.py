@@ -16,7 +16,7 @@ from quadid_logs.data.controller import RemarkKind, Replay, ReplayReason
 from quadid_logs.data.log import ControllerTerms, FlightLog, ParameterChange, Rows
 from quadid_logs.load import load
 from tests.control.flown_controller import AP_PID, AP_YAW, ApFlight, Px4Flight
-from tests.marks import thorough
+from tests.marks import thorough, thorough_but
 
 
 def replayed(log: FlightLog, intervals: tuple[tuple[float, float], ...] = ()) -> dict[str, Replay]:
@@ -117,7 +117,7 @@ def test_an_integral_that_is_set_anywhere_in_flight_is_no_other_controller(
     assert (found.agrees, found.reason) == (True, ReplayReason.LIMIT_FLAGS_MISSING)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", thorough_but(range(2), range(5)))
 def test_a_clipped_px4_flight_whose_allocator_status_is_missing_flew_with_its_parameters(seed: int) -> None:
     """The integrator stood for a fifth of a second at a time, in part of the way only: no row shows it."""
     log = Px4Flight().log()

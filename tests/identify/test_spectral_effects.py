@@ -15,6 +15,7 @@ from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.model import SpectralFit
 from quadid_logs.identify.spectral import solve_flight
 from quadid_logs.identify.spectral_effects import fit_by_spectra
+from tests.marks import thorough
 
 PERIOD_S, LAG_S, ANGLE_GAIN = 0.005, 0.04, 4.0
 GAIN, DAMPING = np.array([180.0, 140.0, 16.0]), np.array([-1.0, -1.2, -0.3])
@@ -140,7 +141,7 @@ def test_what_a_flight_leaves_open_widens_the_interval() -> None:
     ],
     ids=["dead zone", "dead zone of rotors", "limit"],
 )
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, thorough(1)])
 def test_torque_that_is_lost_is_taken_out(seed: int, loss: Loss, names: set[str]) -> None:
     """Without the effect the effectiveness is low, by 3 % at least; with it the truth is inside."""
     data = _fly(seed, loss)

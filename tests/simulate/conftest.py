@@ -9,7 +9,7 @@ import pytest
 from quadid_logs.simulate import closed_loop
 
 
-@pytest.fixture(scope="package", autouse=True)
+@pytest.fixture
 def flown_each_time(kept_flights: None) -> Iterator[None]:
     """Fly what is to be flown: a kept flight is as it was the first time, whatever the seed makes of it."""
     with pytest.MonkeyPatch.context() as patched:

@@ -38,6 +38,7 @@ def test_a_written_flight_reads_back(tmp_path, suffix):
     np.testing.assert_allclose(rms, truth["excitation"]["rms_rate_rad_s"], rtol=0.05)
 
 
+@pytest.mark.usefixtures("flown_each_time")
 def test_the_same_seed_writes_the_same_bytes(tmp_path):
     """Two runs, one file."""
     for name in ("a.bin", "b.bin"):

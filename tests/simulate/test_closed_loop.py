@@ -188,6 +188,7 @@ def test_a_hover_without_noise_stands_still(autopilot):
     assert np.abs(record.channels["rate"][manoeuvre(record)]).max() < 1e-6
 
 
+@pytest.mark.usefixtures("flown_each_time")
 def test_the_same_seed_flies_the_same_flight():
     """Bit for bit; another seed does not."""
     first, again, other = (fly(setup_of("wind", seed=seed)).channels for seed in (3, 3, 4))

@@ -26,6 +26,7 @@ def px4():
 
 
 @pytest.mark.thorough
+@pytest.mark.usefixtures("flown_each_time")
 def test_the_same_seed_logs_the_same_flight(quad):
     """Every series of every signal, bit for bit, and the same truth."""
     again = simulate("sysid-quad-x", seed=5, duration_s=30.0)
