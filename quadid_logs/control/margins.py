@@ -102,8 +102,10 @@ def margins_of(
     Margins
     """
     found = figures_of(frequency_hz, loop, integrators, unstable_poles)
-    later = loop * unmodelled(frequency_hz, known_hz)
-    worse = figures_of(frequency_hz, later, integrators, unstable_poles)
+    worse = found
+    if known_hz < frequency_hz[-1]:
+        later = loop * unmodelled(frequency_hz, known_hz)
+        worse = figures_of(frequency_hz, later, integrators, unstable_poles)
     places_hz = np.array([found.crossover_hz[0], found.oscillation_hz[0]])
     extrapolated = bool((places_hz[np.isfinite(places_hz)] > known_hz).any())
     fraction = float(np.mean(found.stable))
@@ -175,14 +177,14 @@ class LoopFigures(NamedTuple):
 
 
 def figures_of(
-    frequency_hz: FloatArray, loop: ComplexArray, integrators: int, unstable_poles: BoolArray
+    frequency_hz: FloatArray, loop: ComplexArray, integrators: int | IntArray, unstable_poles: BoolArray
 ) -> LoopFigures:
     """Return the figures of open loops.
 
     Parameters
     ----------
     frequency_hz, loop, integrators, unstable_poles
-        As of `margins_of`.
+        As of `margins_of`; integrators may be those of each loop, (n_plants,).
 
     Returns
     -------
@@ -193,20 +195,14 @@ def figures_of(
     Disk margin: P. Seiler, A. Packard, P. Gahinet, "An introduction to disk margins," IEEE Control Systems
     40(5), 2020.
     """
-    parts = [
-        _figures_of_some(
-            frequency_hz,
-            loop[first : first + _AT_ONCE],
-            integrators,
-            unstable_poles[first : first + _AT_ONCE],
-        )
-        for first in range(0, max(len(loop), 1), _AT_ONCE)
-    ]
+    poles = np.broadcast_to(integrators, len(loop))
+    some = [slice(first, first + _AT_ONCE) for first in range(0, max(len(loop), 1), _AT_ONCE)]
+    parts = [_figures_of_some(frequency_hz, loop[one], poles[one], unstable_poles[one]) for one in some]
     return LoopFigures(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 def _figures_of_some(
-    frequency_hz: FloatArray, loop: ComplexArray, integrators: int, unstable_poles: BoolArray
+    frequency_hz: FloatArray, loop: ComplexArray, integrators: IntArray, unstable_poles: BoolArray
 ) -> LoopFigures:
     """Return the figures of so few loops that all arrays stay in the processor's cache."""
     real, imag = np.ascontiguousarray(loop.real), np.ascontiguousarray(loop.imag)
@@ -320,12 +316,12 @@ def is_stable(loop: ComplexArray, integrators: int, unstable_poles: BoolArray) -
 
 
 def _stable(
-    loop: ComplexArray, crossings: _Crossings, integrators: int, unstable_poles: BoolArray
+    loop: ComplexArray, crossings: _Crossings, integrators: int | IntArray, unstable_poles: BoolArray
 ) -> BoolArray:
     """Do what `is_stable` says, with the crossings of the negative real axis."""
     # 1 + L turns by what lies between its ends, and once more for each crossing of the axis beyond -1.
     beyond = crossings.real <= -1.0
-    turns = np.bincount(crossings.row[beyond], crossings.sense[beyond], len(loop))
+    turns = np.bincount(crossings.row[beyond], crossings.sense[beyond], len(loop)).astype(np.float64)
     begins, ends = np.angle(1.0 + loop[:, 0]), np.angle(1.0 + loop[:, -1])
     # At the first frequency the vehicle's own pole has turned the curve by something between nothing and a
     # quarter.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
@@ -152,6 +153,45 @@ def _around(
     scaling = on_angle(replace(controller, feed_forward=None), frequency_hz)
     angle, fixed = body * scaling, body * (on_angle(controller, frequency_hz) - scaling)
     return ScaledLoops(controller, plants, known_hz, frequency_hz, body, rate, angle, fixed)
+
+
+class AloneFigures(NamedTuple):
+    """Figures of loops around one vehicle each, as it is told; both (n_loops,).
+
+    ``full`` is None where no angle loop is known.
+    """
+
+    rate: LoopFigures
+    full: LoopFigures | None
+
+    @property
+    def outer(self) -> LoopFigures:
+        """With all that closes it."""
+        return self.rate if self.full is None else self.full
+
+
+def figures_alone(loops: Sequence[ScaledLoops]) -> AloneFigures:
+    """Return the figures of many loops at once, each around the first of its vehicles.
+
+    Parameters
+    ----------
+    loops : sequence of ScaledLoops
+        At least one, all of one axis and over the same frequencies.
+
+    Returns
+    -------
+    AloneFigures
+    """
+    first = loops[0]
+    poles = np.array([integrators(one.controller) for one in loops])
+    runs_away = np.array([one.plants.damping[0] > 0.0 for one in loops])
+    rate = np.stack([one.rate[0] for one in loops])
+    known = [(one.angle[0], one.fixed[0]) for one in loops if one.angle is not None and one.fixed is not None]
+    full = None
+    if len(known) == len(loops):
+        angle, fixed = (np.stack(part) for part in zip(*known, strict=True))
+        full = figures_of(first.frequency_hz, rate + angle + fixed, poles + 1, runs_away)
+    return AloneFigures(figures_of(first.frequency_hz, rate, poles, runs_away), full)
 
 
 def spare(margins: LoopMargins, limits: Limits) -> float:
