@@ -23,7 +23,7 @@ from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.off_nominal import N_PLANTS, OffNominal
 from quadid_logs.control.scaled_loop import HeldLoops, Kept, ScaledLoops, scaled_loops, spare
 from quadid_logs.control.separate_gains import Disturbed, Rebuild, SeparateGains, Step, separate_gains
-from quadid_logs.control.step import step_of
+from quadid_logs.control.step import Steps
 from quadid_logs.control.torque_noise import (
     Noise,
     Spectrum,
@@ -616,15 +616,15 @@ class _Search:
         controller, noise = step.controller, self._noise_of(step.controller)
         if to_limits is None:
             to_limits = step.more_flights if spare(step.promised, self._limits) < 1.0 else 0
-        nothing = float("nan")
+        nothing, steps = float("nan"), Steps(self._loops.plants)
         return AxisTuning(
             verdict="keep" if verdict == "keep" else "change",
             reasons=reasons,
             gains=step.gains,
             now=self._margins_now(),
             next=step.promised,
-            step_now=step_of(self._loops.controller, self._loops.plants),
-            step_next=step_of(controller, self._loops.plants),
+            step_now=steps.of(self._loops.controller),
+            step_next=steps.of(controller),
             attitude_error=self._error(self._gusts, controller),
             torque_noise=nothing if noise is None else noise.now,
             torque_noise_next=nothing if noise is None else noise.next,

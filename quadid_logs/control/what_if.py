@@ -11,7 +11,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.scaled_loop import ScaledLoops, figures_alone, scaled_loops
 from quadid_logs.control.separate_gains import Rebuild
-from quadid_logs.control.step import step_of
+from quadid_logs.control.step import Steps, step_of
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import four_digits
@@ -85,8 +85,9 @@ def _loops(
     outer = figures.outer
     stable = figures.rate.stable & outer.stable
     gain_db, phase_deg = 20.0 * np.log10(outer.gain_margin), np.degrees(outer.phase_margin_rad)
+    steps = Steps(flown.plants)
     for number, controller in enumerate(controllers):
-        step = step_of(controller, flown.plants) if stable[number] else None
+        step = steps.of(controller) if stable[number] else None
         yield (
             None
             if step is None
