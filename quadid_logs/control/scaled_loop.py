@@ -197,9 +197,9 @@ def _each_of(several: Iterable[ScaledLoops], controller: AxisController) -> Iter
 
 def _around(body: ComplexArray, plants: Plant, known_hz: float, answers: _Answers) -> ScaledLoops:
     """Close the loops of a controller around the answers of vehicles."""
-    controller, frequency_hz, *parts = answers
-    rate, angle, fixed = (None if part is None else body * part for part in parts)
-    return ScaledLoops(controller, plants, known_hz, frequency_hz, body, rate, angle, fixed)
+    controller, frequency_hz, rate, *others = answers
+    angle, fixed = (None if part is None else body * part for part in others)
+    return ScaledLoops(controller, plants, known_hz, frequency_hz, body, body * rate, angle, fixed)
 
 
 class AloneFigures(NamedTuple):

@@ -102,8 +102,8 @@ def fit_with_reaction(
     """
     if known is not None:
         structure = known.fit.structure
-        found = fit_equation_by_equation(data, whole, structure, settings, voting=voting)
-        return known._replace(fit=found)
+        again = fit_equation_by_equation(data, whole, structure, settings, voting=voting)
+        return known._replace(fit=again)
     without = fit_unchecked(data, whole, structure, settings, voting=voting)
     at_once = without.model.actuator._replace(lag_s=0.0, delay_s=0.0)
     if _is_inverse_controller(_beside(without, at_once), without):
