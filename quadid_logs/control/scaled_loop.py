@@ -182,7 +182,7 @@ def _answers(controller: AxisController, frequency_hz: FloatArray) -> _Answers:
 
 
 def _each_of(several: Iterable[ScaledLoops], controller: AxisController) -> Iterator[ScaledLoops]:
-    """Yield the loops of another controller around the same vehicles, one after the other, as they are wanted.
+    """Yield the loops of another controller around the same vehicles, one by one as they are wanted.
 
     Its answers are computed once: all loops are over the same frequencies.
     """
