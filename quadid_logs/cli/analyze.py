@@ -49,7 +49,7 @@ _REPORT_FILE = "report.html"
 class _Png(Enum):
     """What ``--png`` takes."""
 
-    first = "first"
+    summary = "summary"
     all = "all"
     none = "none"
 
@@ -112,10 +112,9 @@ def analyze(
         _Png,
         typer.Option(
             "--png",
-            help="Figures as PNG beside report.html, which holds every one: the summary and those of the "
-            "first chapter, all of them, or none.",
+            help="Figures as PNG beside report.html, which holds every one: a summary, all of them, or none.",
         ),
-    ] = _Png.first,
+    ] = _Png.summary,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write neither HTML nor PNG.")] = False,
     open_report: Annotated[
         bool, typer.Option("--open", help="Open the report, or the index page of several, in the browser.")

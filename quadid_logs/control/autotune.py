@@ -9,11 +9,11 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.pole_placement import place_poles
-from quadid_logs.control.scaled_loop import scaled_loops
+from quadid_logs.control.scaled_loop import figures_alone, scaled_loops
 from quadid_logs.control.separate_gains import Rebuild
 from quadid_logs.control.twitch import twitch
 from quadid_logs.data.autotune import AutotuneForecast, PolePlacement, Procedure, Twitching
-from quadid_logs.data.closed_loop import Estimated, Margins, Plant
+from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import GainNames
 
@@ -51,20 +51,21 @@ def forecast(
     if not places.size:
         return None
     common = {procedure.common: 1.0} if isinstance(procedure, PolePlacement) and procedure.common else {}
-    margins = []
+    loops = []
     for place in places:
         other = rebuild({name: float(each[place]) for name, each in gains.items()} | common)
         if other is None:
             return None
-        loop = scaled_loops(other, few.at(slice(place, place + 1)), np.inf).margins()
-        # The rate loop alone may be unstable where the whole one is not, and the other way round.
-        margins.append((loop.full or loop.rate) if loop.rate.stable else loop.rate)
+        loops.append(scaled_loops(other, few.at(slice(place, place + 1)), np.inf))
+    figures = figures_alone(loops)
+    # The rate loop alone may be unstable where the whole one is not, and the other way round.
+    stable = figures.rate.stable & figures.outer.stable
     return AutotuneForecast(
         title=procedure.title,
         gains={name: _interval(values[places]) for name, values in gains.items()},
-        gain_margin_db=_margin([_known(one, one.gain_margin_db) for one in margins]),
-        phase_margin_deg=_margin([_known(one, one.phase_margin_deg) for one in margins]),
-        unstable_fraction=float(np.mean([not one.stable for one in margins])),
+        gain_margin_db=_margin(np.where(stable, 20.0 * np.log10(figures.outer.gain_margin), 0.0)),
+        phase_margin_deg=_margin(np.where(stable, np.degrees(figures.outer.phase_margin_rad), 0.0)),
+        unstable_fraction=float(np.mean(~stable)),
         ended_fraction=places.size / ended.size,
     )
 
@@ -93,12 +94,6 @@ def _interval(values: FloatArray) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _known(margins: Margins, figure: Estimated | None) -> float:
-    if not margins.stable:
-        return 0.0
-    return np.nan if figure is None else figure.value
-
-
-def _margin(values: list[float]) -> tuple[float, float] | None:
-    known = np.array([value for value in values if np.isfinite(value)])
+def _margin(values: FloatArray) -> tuple[float, float] | None:
+    known = values[np.isfinite(values)]
     return _interval(known) if known.size else None

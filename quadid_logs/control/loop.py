@@ -35,7 +35,9 @@ class Loop(NamedTuple):
     target_to_rate: ComplexArray
 
 
-def close(controller: AxisController, plant: Plant, frequency_hz: FloatArray) -> Loop:
+def close(
+    controller: AxisController, plant: Plant, frequency_hz: FloatArray, body: ComplexArray | None = None
+) -> Loop:
     """Close the loop of a controller around vehicles.
 
     Parameters
@@ -44,12 +46,15 @@ def close(controller: AxisController, plant: Plant, frequency_hz: FloatArray) ->
     plant : Plant
     frequency_hz : ndarray, shape (n_frequencies,)
         Above zero.
+    body : ndarray of complex, shape (n_plants, n_frequencies), optional
+        The response of the plant behind a hold of the controller's period, where it is known.
 
     Returns
     -------
     Loop
     """
-    body = plant.response(frequency_hz, controller.period_s)
+    if body is None:
+        body = plant.response(frequency_hz, controller.period_s)
     gyro, forward = gyro_filters(controller, frequency_hz), forward_filters(controller, frequency_hz)
     rate = body * on_rate(controller, frequency_hz)
     full = None

@@ -102,8 +102,10 @@ def margins_of(
     Margins
     """
     found = figures_of(frequency_hz, loop, integrators, unstable_poles)
-    later = loop * unmodelled(frequency_hz, known_hz)
-    worse = figures_of(frequency_hz, later, integrators, unstable_poles)
+    worse = found
+    if known_hz < frequency_hz[-1]:
+        later = loop * unmodelled(frequency_hz, known_hz)
+        worse = figures_of(frequency_hz, later, integrators, unstable_poles)
     places_hz = np.array([found.crossover_hz[0], found.oscillation_hz[0]])
     extrapolated = bool((places_hz[np.isfinite(places_hz)] > known_hz).any())
     fraction = float(np.mean(found.stable))
@@ -175,14 +177,14 @@ class LoopFigures(NamedTuple):
 
 
 def figures_of(
-    frequency_hz: FloatArray, loop: ComplexArray, integrators: int, unstable_poles: BoolArray
+    frequency_hz: FloatArray, loop: ComplexArray, integrators: int | IntArray, unstable_poles: BoolArray
 ) -> LoopFigures:
     """Return the figures of open loops.
 
     Parameters
     ----------
     frequency_hz, loop, integrators, unstable_poles
-        As of `margins_of`.
+        As of `margins_of`; integrators may be those of each loop, (n_plants,).
 
     Returns
     -------
@@ -193,29 +195,28 @@ def figures_of(
     Disk margin: P. Seiler, A. Packard, P. Gahinet, "An introduction to disk margins," IEEE Control Systems
     40(5), 2020.
     """
-    parts = [
-        _figures_of_some(
-            frequency_hz,
-            loop[first : first + _AT_ONCE],
-            integrators,
-            unstable_poles[first : first + _AT_ONCE],
-        )
-        for first in range(0, max(len(loop), 1), _AT_ONCE)
-    ]
+    poles = np.broadcast_to(integrators, len(loop))
+    some = [slice(first, first + _AT_ONCE) for first in range(0, max(len(loop), 1), _AT_ONCE)]
+    parts = [_figures_of_some(frequency_hz, loop[one], poles[one], unstable_poles[one]) for one in some]
     return LoopFigures(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 def _figures_of_some(
-    frequency_hz: FloatArray, loop: ComplexArray, integrators: int, unstable_poles: BoolArray
+    frequency_hz: FloatArray, loop: ComplexArray, integrators: IntArray, unstable_poles: BoolArray
 ) -> LoopFigures:
     """Return the figures of so few loops that all arrays stay in the processor's cache."""
     real, imag = np.ascontiguousarray(loop.real), np.ascontiguousarray(loop.imag)
-    power = real**2 + imag**2
+    power = real**2
+    power += imag**2
     crossover_hz, phase_rad, delay_s = _phase_margin(frequency_hz, loop, power)
     crossings = _on_negative_axis(real, imag)
     gain, oscillation_hz, gain_down = _gain_margins(frequency_hz, crossings, len(loop))
     # |1 + L|^2; of S = 1 / (1 + L), 4 |S - 1/2|^2 is |1 - L|^2 over that.
-    distance = power + 2.0 * real + 1.0
+    distance = power
+    distance += 2.0 * real
+    distance += 1.0
+    nearest = np.min(distance, axis=1)
+    ratio = np.divide(real, distance, out=real)
     return LoopFigures(
         stable=_stable(loop, crossings, integrators, unstable_poles),
         crossover_hz=crossover_hz,
@@ -224,8 +225,8 @@ def _figures_of_some(
         gain_margin=gain,
         oscillation_hz=oscillation_hz,
         gain_margin_down=gain_down,
-        disk_margin=2.0 / np.sqrt(1.0 - 4.0 * np.min(real / distance, axis=1)),
-        peak_sensitivity=1.0 / np.sqrt(np.min(distance, axis=1)),
+        disk_margin=2.0 / np.sqrt(1.0 - 4.0 * np.min(ratio, axis=1)),
+        peak_sensitivity=1.0 / np.sqrt(nearest),
     )
 
 
@@ -245,7 +246,9 @@ class _Crossings(NamedTuple):
 
 def _on_negative_axis(real: FloatArray, imag: FloatArray) -> _Crossings:
     """Return the crossings of straight lines between the points of loops, both (n_plants, n_frequencies)."""
-    row, before = _where(imag[:, :-1] * imag[:, 1:] <= 0.0)
+    above, below = imag > 0.0, imag < 0.0
+    on_one_side = (above[:, :-1] & above[:, 1:]) | (below[:, :-1] & below[:, 1:])
+    row, before = _where(~on_one_side)
     some, other = imag[row, before], imag[row, before + 1]
     change = some - other
     place = np.divide(some, change, where=change != 0.0, out=np.zeros(change.shape))
@@ -313,13 +316,12 @@ def is_stable(loop: ComplexArray, integrators: int, unstable_poles: BoolArray) -
 
 
 def _stable(
-    loop: ComplexArray, crossings: _Crossings, integrators: int, unstable_poles: BoolArray
+    loop: ComplexArray, crossings: _Crossings, integrators: int | IntArray, unstable_poles: BoolArray
 ) -> BoolArray:
     """Do what `is_stable` says, with the crossings of the negative real axis."""
     # 1 + L turns by what lies between its ends, and once more for each crossing of the axis beyond -1.
     beyond = crossings.real <= -1.0
-    turns = np.zeros(len(loop))
-    np.add.at(turns, crossings.row[beyond], crossings.sense[beyond])
+    turns = np.bincount(crossings.row[beyond], crossings.sense[beyond], len(loop)).astype(np.float64)
     begins, ends = np.angle(1.0 + loop[:, 0]), np.angle(1.0 + loop[:, -1])
     # At the first frequency the vehicle's own pole has turned the curve by something between nothing and a
     # quarter.
@@ -349,7 +351,7 @@ def _phase_margin(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Do what `phase_margin` says, with the square of the gain."""
     above = power > 1.0
-    row, before = _where(above[:, :-1] & (power[:, 1:] <= 1.0))
+    row, before = _where(above[:, :-1] & ~above[:, 1:])
     level, after = np.log(power[row, before]), np.log(power[row, before + 1])
     place = level / (level - after)
     at_hz = _between(frequency_hz, before, place)

@@ -47,7 +47,7 @@ _SEED: Final = 3
 _N_CURVE: Final = 2001
 #: The estimate, and so many of the drawn vehicles: the 2.5 % quantile is known to a quarter of a standard
 #: deviation.
-_N_PLANTS: Final = 201
+N_PLANTS: Final = 201
 #: What no flight tells from the vehicle that flew.
 _SAME: Final = 0.005
 #: Of full throttle: no multirotor hovers on less.
@@ -287,7 +287,7 @@ class OffNominal(NamedTuple):
         tuple of ScaledLoops
             With the most and the least effectiveness, and with the longest lag, of the estimate.
         """
-        loops = loops.first(_N_PLANTS)
+        loops = loops.first(N_PLANTS)
         each = self._each(loops)
         if not each:
             return ()
@@ -318,7 +318,7 @@ class OffNominal(NamedTuple):
         tuple of ConditionMargins
             That with the least spare is marked.
         """
-        loops = loops.first(_N_PLANTS)
+        loops = loops.first(N_PLANTS)
         told = [
             _margins(one, by, _around(loops, by), following, limits)
             for one, by in zip(self.conditions, self._each(loops), strict=True)

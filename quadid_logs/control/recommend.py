@@ -20,10 +20,10 @@ from quadid_logs.control.filter_guard import is_no_worse, is_worth_it, with_flow
 from quadid_logs.control.guard import Case, obstacles
 from quadid_logs.control.loop import rate_loop
 from quadid_logs.control.next_flight import of_next_flight
-from quadid_logs.control.off_nominal import OffNominal
+from quadid_logs.control.off_nominal import N_PLANTS, OffNominal
 from quadid_logs.control.scaled_loop import HeldLoops, Kept, ScaledLoops, scaled_loops, spare
 from quadid_logs.control.separate_gains import Disturbed, Rebuild, SeparateGains, Step, separate_gains
-from quadid_logs.control.step import step_of
+from quadid_logs.control.step import Steps
 from quadid_logs.control.torque_noise import (
     Noise,
     Spectrum,
@@ -156,9 +156,8 @@ def _with_off_nominal(axis: Axis, found: AxisTuning, limits: Limits) -> AxisTuni
     following = None
     if found.verdict != "refused":
         following = axis.rebuild({name: one.next for name, one in found.changes.items()})
-    loops = scaled_loops(
-        controller, of_next_flight(case.plants), 0.0 if case.found is None else case.found.known_hz
-    )
+    plants = of_next_flight(case.plants).at(slice(0, N_PLANTS))
+    loops = scaled_loops(controller, plants, 0.0 if case.found is None else case.found.known_hz)
     told = axis.off_nominal.margins(loops, following, limits)
     broken = [one for one in told if one.spare < _SAME[0]]
     reasons = found.reasons
@@ -383,7 +382,7 @@ class _Search:
         # The worst vehicle bears no more than the estimate, which is quick to look at.
         alone = self._loops.spare_alone(factors, self._limits)
         borne = (place for place in reversed(range(len(factors))) if alone[place] >= 1.0)
-        last = next((place for place in borne if self._score(factors[place]) >= 1.0), None)
+        last = next((place for place in borne if self._bears(factors[place])), None)
         if last is None:
             best = float(factors[int(np.argmax(alone))])
             better = self._score(best) > _BETTER * self._score(1.0)
@@ -393,7 +392,7 @@ class _Search:
         low, high = float(factors[last]), float(factors[last + 1])
         for _ in range(_HALVINGS):
             middle = float(np.sqrt(low * high))
-            low, high = (middle, high) if self._score(middle) >= 1.0 else (low, middle)
+            low, high = (middle, high) if self._bears(middle) else (low, middle)
         return self._held(low)
 
     def _held(self, factor: float) -> Found:
@@ -412,7 +411,7 @@ class _Search:
         if allowed[code] >= factor:
             return Found(factor, reached=True)
         # Low gains may lack phase, too: what holds them then holds them below the limits.
-        reached = self._score(allowed[code]) >= _SAME[0]
+        reached = self._bears(allowed[code], _SAME[0])
         return Found(allowed[code], reached=reached, held_by=code)
 
     def _by_noise(self, factor: float) -> dict[str, float]:
@@ -450,6 +449,9 @@ class _Search:
 
     def _score(self, factor: float) -> float:
         return min(self._few_conditions.kept(self._limits, factor))
+
+    def _bears(self, factor: float, part: float = 1.0) -> bool:
+        return self._few_conditions.keep(self._limits, Kept(part, part), factor)
 
     def _controller(self, factor: float) -> AxisController | None:
         return self._rebuild(self._written(factor))
@@ -554,7 +556,9 @@ class _Search:
         if self._case.limited_fraction > _NEAR_LIMITS:
             return None
         disturbed = Disturbed(self._gusts, self._gust_band_hz, self._torque, self._crossover_hz(), MOST_NOISE)
-        return separate_gains(self._case, self._conditions, self._rebuild, self._limits, disturbed)
+        return separate_gains(
+            self._case, self._conditions, self._flown_kept, self._rebuild, self._limits, disturbed
+        )
 
     def _why_kept(self, target: Found) -> Finding:
         """Return that the gains are right, or that better ones are in reach of a vehicle known better."""
@@ -595,7 +599,7 @@ class _Search:
             if controller is None:
                 return None
             promised = self._loops.of(controller).margins()
-            if self._conditions.of(controller).kept(self._limits).is_enough(enough) or factor == end:
+            if factor == end or self._conditions.keep_with(controller, self._limits, enough, promised):
                 return _Step(factor, controller, promised)
             found = _Step(factor, controller, promised)
             factor = max(factor * _BACK_OFF, end)
@@ -612,15 +616,15 @@ class _Search:
         controller, noise = step.controller, self._noise_of(step.controller)
         if to_limits is None:
             to_limits = step.more_flights if spare(step.promised, self._limits) < 1.0 else 0
-        nothing = float("nan")
+        nothing, steps = float("nan"), Steps(self._loops.plants)
         return AxisTuning(
             verdict="keep" if verdict == "keep" else "change",
             reasons=reasons,
             gains=step.gains,
             now=self._margins_now(),
             next=step.promised,
-            step_now=step_of(self._loops.controller, self._loops.plants),
-            step_next=step_of(controller, self._loops.plants),
+            step_now=steps.of(self._loops.controller),
+            step_next=steps.of(controller),
             attitude_error=self._error(self._gusts, controller),
             torque_noise=nothing if noise is None else noise.now,
             torque_noise_next=nothing if noise is None else noise.next,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -29,9 +31,9 @@ _NOTHING: Final = 1e-9
 class ScaledLoops(NamedTuple):
     """Open loops of one axis around several vehicles, in parts: what scales with the gains, what does not.
 
-    ``rate`` is the rate loop, ``angle`` what the angle loop adds to it through P, I and D, ``fixed`` what it
-    adds through the feed-forward; each (n_plants, n_frequencies), the last two None where no angle loop is
-    known. ``body`` is the vehicles' own answer.
+    ``rate`` is the rate loop, ``angle`` what the angle loop adds to it through P, I and D, None where no
+    angle loop is known, ``fixed`` what it adds through the feed-forward, None where there is none; each
+    (n_plants, n_frequencies). ``body`` is the vehicles' own answer.
     """
 
     controller: AxisController
@@ -54,10 +56,28 @@ class ScaledLoops(NamedTuple):
         -------
         LoopMargins
         """
-        full = None
-        if self.angle is not None and self.fixed is not None:
-            full = self._margins(factor * (self.rate + self.angle) + self.fixed, 1)
-        return LoopMargins(rate=self._margins(factor * self.rate, 0), full=full)
+        rate, whole = self.rate, self.whole(factor)
+        full = None if whole is None else self._margins(whole, 1)
+        return LoopMargins(rate=self._margins(rate if factor == 1.0 else factor * rate, 0), full=full)
+
+    def whole(self, factor: float = 1.0) -> ComplexArray | None:
+        """Return the loops with all that closes them, with P, I and D times a factor.
+
+        Parameters
+        ----------
+        factor : float
+
+        Returns
+        -------
+        ndarray of complex, shape (n_plants, n_frequencies), or None
+            None where no angle loop is known.
+        """
+        if self.angle is None:
+            return None
+        scaled = self.rate + self.angle
+        if factor != 1.0:
+            scaled *= factor
+        return scaled if self.fixed is None else scaled + self.fixed
 
     def _margins(self, loop: ComplexArray, more_integrators: int) -> Margins:
         n, runs_away = integrators(self.controller) + more_integrators, self.plants.damping > 0.0
@@ -78,8 +98,9 @@ class ScaledLoops(NamedTuple):
         """
         n, column = integrators(self.controller), factors[:, np.newaxis]
         loops = [(column * self.rate[0], n)]
-        if self.angle is not None and self.fixed is not None:
-            loops.append((column * (self.rate[0] + self.angle[0]) + self.fixed[0], n + 1))
+        if self.angle is not None:
+            fixed = 0.0 if self.fixed is None else self.fixed[0]
+            loops.append((column * (self.rate[0] + self.angle[0]) + fixed, n + 1))
         runs_away = np.repeat(self.plants.damping[:1] > 0.0, factors.size)
         later = unmodelled(self.frequency_hz, self.known_hz)
         figures = [
@@ -116,9 +137,7 @@ class ScaledLoops(NamedTuple):
         -------
         ScaledLoops
         """
-        if controller.period_s != self.controller.period_s:
-            return scaled_loops(controller, self.plants, self.known_hz)
-        return _around(self.body, controller, self.plants, self.known_hz, self.frequency_hz)
+        return next(_each_of((self,), controller))
 
 
 def scaled_loops(controller: AxisController, plants: Plant, known_hz: float) -> ScaledLoops:
@@ -138,20 +157,87 @@ def scaled_loops(controller: AxisController, plants: Plant, known_hz: float) -> 
     """
     frequency_hz = (grid_hz if plants.modes is None else fine_grid_hz)(controller.period_s)
     body = plants.response(frequency_hz, controller.period_s)
-    return _around(body, controller, plants, known_hz, frequency_hz)
+    return _around(body, plants, known_hz, _answers(controller, frequency_hz))
 
 
-def _around(
-    body: ComplexArray, controller: AxisController, plants: Plant, known_hz: float, frequency_hz: FloatArray
-) -> ScaledLoops:
-    """Close the loops of a controller around the answers of vehicles."""
-    rate = body * on_rate(controller, frequency_hz)
+class _Answers(NamedTuple):
+    """What a controller makes of the rate: the parts of `ScaledLoops` without the vehicle."""
+
+    controller: AxisController
+    frequency_hz: FloatArray
+    rate: ComplexArray
+    angle: ComplexArray | None
+    fixed: ComplexArray | None
+
+
+def _answers(controller: AxisController, frequency_hz: FloatArray) -> _Answers:
+    rate = on_rate(controller, frequency_hz)
     if controller.angle_gain_per_s is None:
-        return ScaledLoops(controller, plants, known_hz, frequency_hz, body, rate, None, None)
+        return _Answers(controller, frequency_hz, rate, None, None)
+    if controller.feed_forward is None:
+        return _Answers(controller, frequency_hz, rate, on_angle(controller, frequency_hz), None)
     # The feed-forward is on the path of the set-point alone, and no gain scales it.
     scaling = on_angle(replace(controller, feed_forward=None), frequency_hz)
-    angle, fixed = body * scaling, body * (on_angle(controller, frequency_hz) - scaling)
-    return ScaledLoops(controller, plants, known_hz, frequency_hz, body, rate, angle, fixed)
+    return _Answers(controller, frequency_hz, rate, scaling, on_angle(controller, frequency_hz) - scaling)
+
+
+def _each_of(several: Iterable[ScaledLoops], controller: AxisController) -> Iterator[ScaledLoops]:
+    """Yield the loops of another controller around the same vehicles, one by one as they are wanted.
+
+    Its answers are computed once: all loops are over the same frequencies.
+    """
+    answers = None
+    for one in several:
+        if controller.period_s != one.controller.period_s:
+            yield scaled_loops(controller, one.plants, one.known_hz)
+            continue
+        answers = answers or _answers(controller, one.frequency_hz)
+        yield _around(one.body, one.plants, one.known_hz, answers)
+
+
+def _around(body: ComplexArray, plants: Plant, known_hz: float, answers: _Answers) -> ScaledLoops:
+    """Close the loops of a controller around the answers of vehicles."""
+    controller, frequency_hz, rate, *others = answers
+    angle, fixed = (None if part is None else body * part for part in others)
+    return ScaledLoops(controller, plants, known_hz, frequency_hz, body, body * rate, angle, fixed)
+
+
+class AloneFigures(NamedTuple):
+    """Figures of loops around one vehicle each, as it is told; both (n_loops,).
+
+    ``full`` is None where no angle loop is known.
+    """
+
+    rate: LoopFigures
+    full: LoopFigures | None
+
+    @property
+    def outer(self) -> LoopFigures:
+        """With all that closes it."""
+        return self.rate if self.full is None else self.full
+
+
+def figures_alone(loops: Sequence[ScaledLoops]) -> AloneFigures:
+    """Return the figures of many loops at once, each around the first of its vehicles.
+
+    Parameters
+    ----------
+    loops : sequence of ScaledLoops
+        At least one, all of one axis and over the same frequencies.
+
+    Returns
+    -------
+    AloneFigures
+    """
+    first = loops[0]
+    poles = np.array([integrators(one.controller) for one in loops])
+    runs_away = np.array([one.plants.damping[0] > 0.0 for one in loops])
+    rate = np.stack([one.rate[0] for one in loops])
+    whole = [known for one in loops if (known := one.first(1).whole()) is not None]
+    full = None
+    if len(whole) == len(loops):
+        full = figures_of(first.frequency_hz, np.concatenate(whole), poles + 1, runs_away)
+    return AloneFigures(figures_of(first.frequency_hz, rate, poles, runs_away), full)
 
 
 def spare(margins: LoopMargins, limits: Limits) -> float:
@@ -244,25 +330,49 @@ class HeldLoops(NamedTuple):
         otherwise = (spare(one.margins(factor), limits) / self.part for one in self.otherwise)
         return Kept(spare(self.loops.margins(factor), limits), min(otherwise, default=np.inf))
 
-    def each_spare(self, limits: Limits) -> FloatArray:
-        """Return how much of each limit is kept, as of `each_spare`, in all conditions in a row.
+    def keep(self, limits: Limits, enough: Kept, factor: float = 1.0) -> bool:
+        """Tell whether enough is kept, with P, I and D times a factor.
 
         Parameters
         ----------
         limits : Limits
+        enough : Kept
+        factor : float
 
         Returns
         -------
-        ndarray, shape (n_limits,)
+        bool
         """
-        otherwise = [each_spare(one.margins(), limits) / self.part for one in self.otherwise]
-        return np.concatenate([each_spare(self.loops.margins(), limits), *otherwise])
+        margins = (one.margins(factor) for one in (self.loops, *self.otherwise))
+        return self._is_enough(margins, limits, enough)
 
-    def of(self, controller: AxisController) -> HeldLoops:
-        """Return the loops of another controller."""
-        return self._replace(
-            loops=self.loops.of(controller), otherwise=tuple(one.of(controller) for one in self.otherwise)
-        )
+    def keep_with(
+        self, controller: AxisController, limits: Limits, enough: Kept, promised: LoopMargins | None = None
+    ) -> bool:
+        """Tell whether enough is kept with another controller.
+
+        Parameters
+        ----------
+        controller : AxisController
+        limits : Limits
+        enough : Kept
+        promised : LoopMargins, optional
+            Of the vehicles as they fly with it, where they are known.
+
+        Returns
+        -------
+        bool
+        """
+        several = self.otherwise if promised is not None else (self.loops, *self.otherwise)
+        margins = (one.margins() for one in _each_of(several, controller))
+        return self._is_enough(margins if promised is None else chain((promised,), margins), limits, enough)
+
+    def _is_enough(self, margins: Iterator[LoopMargins], limits: Limits, enough: Kept) -> bool:
+        """Look at other conditions only where the vehicles as they fly keep enough, until one does not."""
+        as_flown = spare(next(margins), limits)
+        if not Kept(as_flown, np.inf).is_enough(enough):
+            return False
+        return all(Kept(as_flown, spare(one, limits) / self.part).is_enough(enough) for one in margins)
 
     def first(self, n_plants: int) -> HeldLoops:
         """Return the loops around the first of the vehicles."""

@@ -140,6 +140,7 @@ class _Varied(NamedTuple):
 def separate_gains(
     case: Case,
     held: HeldLoops,
+    flown_kept: Kept,
     rebuild: Rebuild,
     limits: Limits,
     disturbed: Disturbed,
@@ -151,6 +152,8 @@ def separate_gains(
     case : Case
     held : HeldLoops
         With the gains that flew, around the vehicles that the next flight allows.
+    flown_kept : Kept
+        How much of the limits these keep.
     rebuild : callable
     limits : Limits
     disturbed : Disturbed
@@ -162,7 +165,9 @@ def separate_gains(
     """
     varied, loops = _varied(case), held.loops
     paths = _taken_apart(varied, loops.controller, loops.frequency_hz, rebuild)
-    return None if paths is None else SeparateGains(varied, paths, held, rebuild, limits, disturbed)
+    return (
+        None if paths is None else SeparateGains(varied, paths, held, flown_kept, rebuild, limits, disturbed)
+    )
 
 
 def _varied(case: Case) -> _Varied:
@@ -196,6 +201,7 @@ class SeparateGains:
         varied: _Varied,
         paths: GainPaths,
         held: HeldLoops,
+        flown_kept: Kept,
         rebuild: Rebuild,
         limits: Limits,
         disturbed: Disturbed,
@@ -218,8 +224,8 @@ class SeparateGains:
         self._highest = _BOUNDS[1]
         self._noise = _Noise(disturbed, loops)
         self._gusts = _gusts(disturbed, loops.plants.at(slice(0, 1)), loops.frequency_hz)
-        self._enough = Kept(*(min(1.0 - 2.0 * _ROUNDING, one) for one in held.kept(limits)))
-        crossover = loops.margins().rate.crossover_hz
+        self._enough = Kept(*(min(1.0 - 2.0 * _ROUNDING, one) for one in flown_kept))
+        crossover = loops.first(1).margins().rate.crossover_hz
         self._above = loops.frequency_hz >= (0.0 if crossover is None else crossover.value)
         self._flown = dict.fromkeys(self._now, 1.0)
         flown_answers = paths.at(_sets(self._flown))
@@ -292,7 +298,7 @@ class SeparateGains:
         begins = [begin, *self._best_of_a_grid(bounds, most_up)]
         for _ in range(_ROUNDS):
             tried.append(self._search(begins, bounds, most_up))
-            if np.min(self._worst_spare(tried[-1])) >= 1.0 - _ROUNDING or not self._add_decisive(tried[-1]):
+            if self._bear(tried[-1], 1.0 - _ROUNDING) or not self._add_decisive(tried[-1]):
                 break
             begins = [tried[-1]]
         ends = (self._up_to_the_limits(found) for found in (*tried, self._flown))
@@ -463,12 +469,10 @@ class SeparateGains:
             told.append(spare_of(figures, self._limits).reshape(len(answers), len(body), -1))
         return np.asarray(np.concatenate(told, axis=2) / part[:, np.newaxis])
 
-    def _worst_spare(self, factors: Mapping[str, float]) -> FloatArray:
-        """Return how much of each limit the worst of some vehicles keeps, with the gains of a file."""
+    def _bear(self, factors: Mapping[str, float], part: float) -> bool:
+        """Tell whether some vehicles keep a part of all limits, with the gains of a file."""
         controller = self._rebuild(self._varied.values(factors))
-        if controller is None:
-            return np.zeros(1)
-        return self._few_held.of(controller).each_spare(self._limits)
+        return controller is not None and self._few_held.keep_with(controller, self._limits, Kept(part, part))
 
     def keeps(self, target: Mapping[str, float]) -> bool:
         """Tell whether the limits are kept at a target: without that, no step towards it is worth a flight.
@@ -482,7 +486,7 @@ class SeparateGains:
         -------
         bool
         """
-        return bool(np.min(self._worst_spare(target)) >= 1.0 - 2.0 * _ROUNDING)
+        return self._bear(target, 1.0 - 2.0 * _ROUNDING)
 
     def cost(self, factors: Mapping[str, float]) -> float:
         """Return what is to be small with other gains, over that of the flown ones.
@@ -656,10 +660,12 @@ class SeparateGains:
         if controller is None:
             return None
         # Some of the vehicles are quick to look at; all of them have the last word.
-        for held in (self._few_held, self._held):
-            if not held.of(controller).kept(self._limits).is_enough(self._enough):
-                return None
-        return changed, controller, self._loops.of(controller).margins()
+        if not self._few_held.keep_with(controller, self._limits, self._enough):
+            return None
+        promised = self._loops.of(controller).margins()
+        if not self._held.keep_with(controller, self._limits, self._enough, promised):
+            return None
+        return changed, controller, promised
 
     def _more_flights(self, factors: Mapping[str, float], target: Mapping[str, float], most_up: float) -> int:
         """Return how many flights lie between some gains and the target."""
@@ -680,9 +686,8 @@ class _Noise:
     """Noise of the command with other gains, from what the log shows of it with those that flew."""
 
     def __init__(self, disturbed: Disturbed, loops: ScaledLoops) -> None:
-        parts = [part[0] for part in (loops.rate, loops.angle, loops.fixed) if part is not None]
-        whole = np.sum(parts, axis=0)
-        self._flown = loops.rate[0] / (1.0 + whole)
+        whole = loops.first(1).whole()
+        self._flown = loops.rate[0] / (1.0 + (loops.rate[0] if whole is None else whole[0]))
         self._frequency_hz = loops.frequency_hz
         self._above = self._frequency_hz >= lowest_noise_hz(disturbed.crossover_hz)
         self._power = _power_over(self._frequency_hz, disturbed)

@@ -8,7 +8,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.frequency_response import Response, above_zero
-from quadid_logs.control.loop import close, integrators
+from quadid_logs.control.loop import Loop, close, integrators
 from quadid_logs.control.margins import is_stable
 from quadid_logs.data.closed_loop import Estimated, Plant, Step
 from quadid_logs.data.controller import AxisController
@@ -44,12 +44,38 @@ def step_of(controller: AxisController, plants: Plant, closed: Response | None =
     Step or None
         None where the loop of the estimate is unstable.
     """
-    period_s = max(controller.period_s, _FINEST_S)
-    n_samples = 2 * round(0.5 * _LENGTH_S / period_s)
-    # Twice as long, so that the end does not run into the beginning.
-    frequency_hz = above_zero(np.fft.rfftfreq(2 * n_samples, period_s))
-    few = plants.at(slice(0, 1 + _MOST_DRAWS))
-    loop = close(controller, few, frequency_hz)
+    return Steps(plants).of(controller, closed)
+
+
+class Steps:
+    """The answers of several controllers around the same vehicles, whose own answers are computed once."""
+
+    def __init__(self, plants: Plant) -> None:
+        self._few, self._hold_s = plants.at(slice(0, 1 + _MOST_DRAWS)), float("nan")
+
+    def of(self, controller: AxisController, closed: Response | None = None) -> Step | None:
+        """Return what `step_of` does, for one of the controllers."""
+        period_s = max(controller.period_s, _FINEST_S)
+        n_samples = 2 * round(0.5 * _LENGTH_S / period_s)
+        # Twice as long, so that the end does not run into the beginning.
+        frequency_hz = above_zero(np.fft.rfftfreq(2 * n_samples, period_s))
+        if controller.period_s != self._hold_s:
+            self._hold_s = controller.period_s
+            self._body = self._few.response(frequency_hz, self._hold_s)
+        loop = close(controller, self._few, frequency_hz, self._body)
+        return _step(controller, self._few, loop, period_s, n_samples, closed)
+
+
+def _step(
+    controller: AxisController,
+    few: Plant,
+    loop: Loop,
+    period_s: float,
+    n_samples: int,
+    closed: Response | None,
+) -> Step | None:
+    """Return the step that a closed loop answers with; None where that of the estimate is unstable."""
+    frequency_hz = loop.frequency_hz
     stable = is_stable(loop.rate, integrators(controller), few.damping > 0.0)
     if not stable[0]:
         return None

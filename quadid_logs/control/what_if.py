@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.scaled_loop import scaled_loops
+from quadid_logs.control.scaled_loop import ScaledLoops, figures_alone, scaled_loops
 from quadid_logs.control.separate_gains import Rebuild
-from quadid_logs.control.step import step_of
+from quadid_logs.control.step import Steps, step_of
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import four_digits
@@ -65,25 +65,41 @@ def what_if(
     settled_s = before.settling_time_s.value
     end_s = min(_SHOWN * settled_s, _LONGEST_S) if np.isfinite(settled_s) else _LONGEST_S
     time_s = np.linspace(0.0, end_s, _N_POINTS)
-    loops = []
-    for combination in itertools.product(*values.values()):
-        other = rebuild(dict(zip(values, combination, strict=True)))
-        loops.append(None if other is None else _loop(other, estimate, time_s))
-    return WhatIf(values=values, time_s=time_s, loops=tuple(loops))
-
-
-def _loop(controller: AxisController, estimate: Plant, time_s: FloatArray) -> WhatIfLoop | None:
-    """Return the figures of one combination, None where a loop is unstable."""
-    margins = scaled_loops(controller, estimate, np.inf).margins()
-    outer = margins.full or margins.rate
-    step = step_of(controller, estimate)
-    if step is None or not (margins.rate.stable and outer.stable):
-        return None
-    gain, phase = outer.gain_margin_db, outer.phase_margin_deg
-    return WhatIfLoop(
-        gain_margin_db=None if gain is None else gain.value,
-        phase_margin_deg=None if phase is None else phase.value,
-        rise_time_s=step.rise_time_s.value,
-        overshoot_percent=step.overshoot_percent.value,
-        response=np.interp(time_s, step.time_s, step.response),
+    changed = [dict(zip(values, one, strict=True)) for one in itertools.product(*values.values())]
+    others = [rebuild(one) for one in changed]
+    told = iter(
+        _loops([one for one in others if one is not None], scaled_loops(controller, estimate, np.inf), time_s)
     )
+    return WhatIf(
+        values=values, time_s=time_s, loops=tuple(None if one is None else next(told) for one in others)
+    )
+
+
+def _loops(
+    controllers: list[AxisController], flown: ScaledLoops, time_s: FloatArray
+) -> Iterator[WhatIfLoop | None]:
+    """Yield the figures of each controller around the vehicle that flew, None where a loop is unstable."""
+    if not controllers:
+        return
+    figures = figures_alone([flown.of(one) for one in controllers])
+    outer = figures.outer
+    stable = figures.rate.stable & outer.stable
+    gain_db, phase_deg = 20.0 * np.log10(outer.gain_margin), np.degrees(outer.phase_margin_rad)
+    steps = Steps(flown.plants)
+    for number, controller in enumerate(controllers):
+        step = steps.of(controller) if stable[number] else None
+        yield (
+            None
+            if step is None
+            else WhatIfLoop(
+                gain_margin_db=_known(gain_db[number]),
+                phase_margin_deg=_known(phase_deg[number]),
+                rise_time_s=step.rise_time_s.value,
+                overshoot_percent=step.overshoot_percent.value,
+                response=np.interp(time_s, step.time_s, step.response),
+            )
+        )
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -14,7 +14,7 @@ from quadid_logs.figures.spec import Figure, LeftOut
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["CHAPTERS", "FIGURE_KEYS", "FIRST_CHAPTER", "Figure", "Figures", "LeftOut", "figures_of"]
+__all__ = ["CHAPTERS", "FIGURE_KEYS", "Figure", "Figures", "LeftOut", "figures_of"]
 
 
 class Registered(NamedTuple):
@@ -79,8 +79,6 @@ def _keys_of(chapter: str) -> tuple[str, ...]:
 CHAPTERS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {row.chapter: _keys_of(row.chapter) for row in REGISTERED}
 )
-#: The keys of the figures that a report is drawn with unless every one is wanted.
-FIRST_CHAPTER: Final = CHAPTERS["flight"]
 #: Every key that a figure can have.
 FIGURE_KEYS: Final = ("summary", *(key for keys in CHAPTERS.values() for key in keys))
 

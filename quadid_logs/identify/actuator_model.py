@@ -338,6 +338,8 @@ class _Search:
         ]
         self._used_torques = [used[axis, torques] for axis in problem.axes]
         self._weight = np.ones(len(self._rows))
+        # A delay moves no rotor, nor does the choice of instruments.
+        self._designs: _Latest[Design] = _Latest(3)
         self._see_through(Projection(design, structure, self._train))
 
     def _see_through(self, project: Projection) -> None:
@@ -349,9 +351,9 @@ class _Search:
             basis, _ = np.linalg.qr(explained[:, :-1])
             left = _outside(basis, explained[:, -1:])[:, 0]
             self._axes.append(_Axis(basis, left, inputs, rows))
-        # A search asks for residuals and derivatives at the same point, and a delay moves no rotor.
+        # A search asks for residuals and derivatives at the same point, and begins where another has ended.
         self._torques: _Latest[FloatArray] = _Latest(2)
-        self._designs: _Latest[Design] = _Latest(3)
+        self._moves: _Latest[list[FloatArray]] = _Latest(1)
 
     def jackknifed(self, x: FloatArray, *, earliest_s: float = 0.0) -> FloatArray:
         """Return the point near that of least error where no instrument counts for what it follows by chance.
@@ -509,13 +511,18 @@ class _Search:
             found.append(_Solved(weight * (axis.target - alone @ gain), alone, gain))
         return found
 
+    def _moved(self, *x: float) -> list[FloatArray]:
+        """Return the derivatives of the torque by lag, delay and asymmetry, so many as are searched for."""
+        here = np.array(x)
+        torque = self._torque_at(*self._place(here))
+        return [
+            (self._torque(*self._place(here + step * np.eye(here.size)[number])) - torque) / step
+            for number, step in enumerate(_STEPS[: here.size])
+        ]
+
     def _slopes(self, x: FloatArray) -> FloatArray:
         """Return the derivatives of the weighted residuals; shape (n_rows of all axes, x.size)."""
-        solved_axes, torque = self._solved(x), self._torque_at(*self._place(x))
-        derivatives = [
-            (self._torque(*self._place(x + step * np.eye(x.size)[number])) - torque) / step
-            for number, step in enumerate(_STEPS[: x.size])
-        ]
+        solved_axes, derivatives = self._solved(x), self._moves.of(tuple(x.tolist()), self._moved)
         parts = []
         for axis, weight, solved in zip(self._axes, self._weight, solved_axes, strict=True):
             moved = np.column_stack([derivative[:, axis.inputs] @ solved.gain for derivative in derivatives])

@@ -61,6 +61,22 @@ class ActuatedFit(NamedTuple):
     structural: StructuralCheck
 
 
+class Unchecked(NamedTuple):
+    """The same without the checks, which take most of the time, and what they need.
+
+    ``untrimmed`` is the fit on the high-passed rows.
+    """
+
+    data: FlightData
+    problem: FitProblem
+    whole: Design
+    model: ActuatorModel
+    structure: Structure
+    untrimmed: PooledFit
+    fit: PooledFit
+    informative: list[int]
+
+
 def fit_equation_by_equation(
     data: FlightData,
     whole: Design,
@@ -86,26 +102,76 @@ def fit_equation_by_equation(
     -------
     ActuatedFit
     """
+    return checked(fit_unchecked(data, whole, structure, settings, voting=voting))
+
+
+def fit_unchecked(
+    data: FlightData,
+    whole: Design,
+    structure: Structure,
+    settings: IdentifySettings,
+    *,
+    voting: Sequence[int] = (0, 1, 2),
+) -> Unchecked:
+    """Fit as `fit_equation_by_equation` does, without the checks: a fit that does not stand needs none.
+
+    Parameters
+    ----------
+    data, whole, structure, settings, voting
+        As of `fit_equation_by_equation`.
+
+    Returns
+    -------
+    Unchecked
+    """
     described = data.input if rotors_known(data) else None
     problem, model, fit, informative = fit_behind_actuator(
         data, whole.high_passed(settings.high_pass_hz), structure, voting=voting
     )
     if model.rotors is not None and described is not None:
         whole = with_lag_on_rotors(whole, described, model.rotors)
-    regression = lay_out(model.design, structure, model.actuator, fit.kept)
-    return ActuatedFit(
+    return Unchecked(
+        data=data,
+        problem=problem,
         whole=whole,
         model=model,
         structure=structure,
+        untrimmed=fit,
         fit=with_trim(fit, structure, whole, model.actuator),
         informative=informative,
-        band=_other_bands(data, problem._replace(kept=fit.kept), model, fit),
-        change=check_change(model.design, structure, regression, informative),
+    )
+
+
+def checked(found: Unchecked) -> ActuatedFit:
+    """Add the checks to a fit.
+
+    Parameters
+    ----------
+    found : Unchecked
+
+    Returns
+    -------
+    ActuatedFit
+    """
+    data, model, structure, fit = found.data, found.model, found.structure, found.untrimmed
+    problem = found.problem._replace(kept=fit.kept)
+    regression = lay_out(model.design, structure, model.actuator, fit.kept)
+    return ActuatedFit(
+        whole=found.whole,
+        model=model,
+        structure=structure,
+        fit=found.fit,
+        informative=found.informative,
+        band=_other_bands(data, problem, model, fit),
+        change=check_change(model.design, structure, regression, found.informative),
         formulations=check_formulations(model, structure, fit),
         bootstrap_half_width=bootstrapped_half_width(model.design, structure, regression),
         # An axis that turns too little for lag and delay may still have a number of its own.
         structural=check_structure(
-            problem._replace(kept=fit.kept, axes=_informative(fit, range(3))), model, fit, described
+            problem._replace(axes=_informative(fit, range(3))),
+            model,
+            fit,
+            data.input if rotors_known(data) else None,
         ),
     )
 

@@ -23,7 +23,10 @@ from quadid_logs.identify.design import Design
 from quadid_logs.identify.equation_by_equation import (
     INFORMATIVE_R2,
     ActuatedFit,
+    Unchecked,
+    checked,
     fit_equation_by_equation,
+    fit_unchecked,
 )
 from quadid_logs.identify.fit import PooledFit, fit_pooled
 from quadid_logs.identify.structures import Structure
@@ -99,28 +102,26 @@ def fit_with_reaction(
     """
     if known is not None:
         structure = known.fit.structure
-        found = fit_equation_by_equation(data, whole, structure, settings, voting=voting)
-        return known._replace(fit=found)
-    without = fit_equation_by_equation(data, whole, structure, settings, voting=voting)
+        again = fit_equation_by_equation(data, whole, structure, settings, voting=voting)
+        return known._replace(fit=again)
+    without = fit_unchecked(data, whole, structure, settings, voting=voting)
     at_once = without.model.actuator._replace(lag_s=0.0, delay_s=0.0)
     if _is_inverse_controller(_beside(without, at_once), without):
-        return YawFit(without, is_inverse_controller=True)
+        return YawFit(checked(without), is_inverse_controller=True)
     seen = _beside(without, without.model.actuator)
     if not seen.reacts and without.fit.r2[_YAW] > _EXPLAINED_R2:
-        return YawFit(without)
+        return YawFit(checked(without))
     # Beside a lead of its own, yaw tells little of the lag that all rotors have.
     tilting = [axis for axis in without.informative if axis != _YAW and axis in voting]
-    found = fit_equation_by_equation(
-        data, whole, structure.with_reaction(), settings, voting=tilting or (_YAW,)
-    )
+    found = fit_unchecked(data, whole, structure.with_reaction(), settings, voting=tilting or (_YAW,))
     seen = _lead(found.structure, found.fit)
     if not seen.reacts or seen.r2 <= without.fit.r2[_YAW]:
-        return YawFit(without)
+        return YawFit(checked(without))
     ci95_s = (seen.lead_s - seen.half_width_s, seen.lead_s + seen.half_width_s)
-    return YawFit(found, YawReaction(lead_s=seen.lead_s, ci95_s=ci95_s))
+    return YawFit(checked(found), YawReaction(lead_s=seen.lead_s, ci95_s=ci95_s))
 
 
-def _beside(without: ActuatedFit, actuator: ActuatorFit) -> _Seen:
+def _beside(without: Unchecked, actuator: ActuatorFit) -> _Seen:
     """Return the lead that one column more makes of a fit without it, behind some lag and delay."""
     model, structure = without.model, without.structure.with_reaction()
     kept = np.insert(without.fit.kept, len(without.structure.terms), False, axis=1)
@@ -139,7 +140,7 @@ def _lead(structure: Structure, fit: PooledFit) -> _Seen:
     )
 
 
-def _is_inverse_controller(seen: _Seen, without: ActuatedFit) -> bool:
+def _is_inverse_controller(seen: _Seen, without: Unchecked) -> bool:
     """Say whether the yaw torque follows the yaw motion, at once, and not the motion the torque."""
     return (
         seen.lead_s + seen.half_width_s < _INVERSE_LEAD_S

@@ -14,7 +14,7 @@ from typing import Final, Literal
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
-from quadid_logs.figures import FIGURE_KEYS, FIRST_CHAPTER, Figure, figures_of
+from quadid_logs.figures import FIGURE_KEYS, Figure, figures_of
 from quadid_logs.output import beside_prefix, check_free, check_no_link, new_folder, remove_unfinished
 from quadid_logs.report.json import json_text
 from quadid_logs.report.provenance import Provenance, provenance_of
@@ -28,7 +28,7 @@ INDEX_FILE = "index.html"
 #: A result.json has one or two.
 _MOST_BYTES: Final = 50_000_000
 #: Which figures are also written as PNG: the summary and those of the first chapter, every one, or none.
-PngChoice = Literal["first", "all", "none"]
+PngChoice = Literal["summary", "all", "none"]
 
 
 def report_folders(logs: Iterable[PurePath], parent: Path, number: int = 0) -> tuple[Path, ...]:
@@ -134,7 +134,7 @@ def write_report(
     *,
     force: bool = False,
     drawings: bool = True,
-    png: PngChoice = "first",
+    png: PngChoice = "summary",
     command: str = "",
 ) -> Result:
     """Write result.json, and report.html with figures as PNG beside it unless told not to.
@@ -150,8 +150,8 @@ def write_report(
         Replace files of an earlier run.
     drawings : bool
         False writes result.json only.
-    png : {"first", "all", "none"}
-        ``summary.png`` and the figures of the report's first chapter, every figure, or none.
+    png : {"summary", "all", "none"}
+        ``summary.png`` alone, every figure, or none.
     command : str
         The command line, for the report.
 
@@ -201,8 +201,7 @@ def write_drawings(result: Result, provenance: Provenance, folder: Path, png: Pn
     (folder / REPORT_FILE).write_text(page, encoding="utf-8", newline="\n")
     if png == "none":
         return
-    chosen = [figure for figure in figures.shown if png == "all" or figure.key in FIRST_CHAPTER]
-    for figure in (_summary(result), *chosen):
+    for figure in (_summary(result), *(figures.shown if png == "all" else ())):
         write_png(figure, folder / f"{figure.key}.png")
 
 

@@ -168,8 +168,9 @@ def script_json(value: Any) -> str:
 @cache
 def _compressed(script: str) -> str:
     """Return a script as gzip in base64: two fifths of its bytes. The page's own script runs it."""
-    # Of the same bytes for the same script: no time in the header.
-    return base64.b64encode(gzip.compress(script.encode("utf-8"), mtime=0)).decode("ascii")
+    # Of the same bytes for the same script: no time in the header. The best compression saves 1 % more, in
+    # twice the time.
+    return base64.b64encode(gzip.compress(script.encode("utf-8"), compresslevel=5, mtime=0)).decode("ascii")
 
 
 @cache

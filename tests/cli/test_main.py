@@ -89,10 +89,12 @@ def test_a_usable_log_exits_with_0(pipeline: FakePipeline, capsys: pytest.Captur
     assert "effectiveness " in out
     assert str(Path("out/usable/report.html")) in out
     names = {path.name for path in Path("out/usable").iterdir()}
-    assert {"result.json", "report.html", "flight.png"} <= names
+    assert {"result.json", "report.html", "summary.png"} <= names
 
 
-@pytest.mark.parametrize(("choice", "n_least", "n_most"), [("first", 2, 5), ("all", 12, 40), ("none", 0, 0)])
+@pytest.mark.parametrize(
+    ("choice", "n_least", "n_most"), [("summary", 1, 1), ("all", 12, 40), ("none", 0, 0)]
+)
 def test_png_says_which_figures_are_written_as_png(
     choice: str, n_least: int, n_most: int, pipeline: FakePipeline
 ) -> None:
@@ -107,7 +109,7 @@ def test_an_unknown_choice_of_figures_is_wrong_usage(
 ) -> None:
     """The line names what can be chosen."""
     assert main(["analyze", "usable.bin", "--png", "some"]) == 2
-    assert "'first', 'all', 'none'" in one_clear_line(capsys.readouterr().err)
+    assert "'summary', 'all', 'none'" in one_clear_line(capsys.readouterr().err)
 
 
 def test_an_axis_that_is_refused_exits_with_1(
