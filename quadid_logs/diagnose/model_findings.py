@@ -263,7 +263,9 @@ def _too_wide(axis: _Axis) -> Finding | None:
 def _wide(axis: _Axis) -> Finding | None:
     """Warn of an effectiveness that is of use, but not to compare, to calibrate or to tune with."""
     told = axis.spectral is None or axis.spectral.is_sound
-    if told and not _is_wide(axis):
+    low, high = axis.on_axis.ci95
+    # With all that effects leave open: the interval that the user sees.
+    if told and not 0.5 * (high - low) > MAX_RELATIVE_CI * axis.on_axis.value:
         return None
     below, above = (100.0 * abs(end / axis.on_axis.value - 1.0) for end in axis.on_axis.ci95)
     title = f"The interval of the {axis.name} effectiveness is wide: -{below:.0f} to +{above:.0f} %"

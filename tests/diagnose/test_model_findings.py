@@ -65,6 +65,20 @@ def test_an_interval_wider_than_three_tenths_is_a_caution(
     assert said.get("QL505") == level
 
 
+def test_an_interval_that_effects_alone_make_wide_is_a_caution(good: Identification) -> None:
+    """What a flight leaves open of a dead zone or a limit is doubt, and no contradiction."""
+
+    def widened(model: Model) -> Model:
+        own = next(one for one in model.parameters if (one.target, one.regressor) == ("q_dot", "M"))
+        now = dataclasses.replace(own, ci95=(0.65 * own.value, 1.35 * own.value))
+        assert now.half_width < 0.3 * own.value
+        return dataclasses.replace(
+            model, parameters=tuple(now if one is own else one for one in model.parameters)
+        )
+
+    assert found(good, widened)["QL505"] == "warning"
+
+
 @pytest.mark.parametrize(
     ("low", "high", "level"),
     [(0.6, 1.7, "warning"), (0.6, 1.9, "error"), (-0.1, 0.8, "error"), (-0.5, 1.2, "error")],
