@@ -53,9 +53,9 @@ class Analysis(Result):
     >>> import quadid_logs
     >>> quadid_logs.analyze("sample_logs/sysid-quad-x.bin")
     <Analysis of 'sysid-quad-x.bin': structure rigid-body
-      roll   usable   B11 = 197.9 (195.7 to 200.1) rad/s^2
-      pitch  usable   B22 = 176.6 (173.8 to 179.4) rad/s^2
-      yaw    usable   B33 = 10.88 (10.75 to 11.01) rad/s^2>
+      roll   usable   B11 = 197.9 (194.8 to 201.0) rad/s^2
+      pitch  usable   B22 = 176.6 (172.7 to 180.6) rad/s^2
+      yaw    usable   B33 = 10.88 (10.75 to 11.02) rad/s^2>
     """
 
     structure: Structure | None = None
@@ -191,7 +191,7 @@ def analyze(
     {'roll': 'usable', 'pitch': 'usable', 'yaw': 'usable'}
     >>> gain = r.model["roll", "L"]
     >>> print(f"{gain.value:.0f} {gain.unit}, 95 %: {gain.ci95[0]:.0f} to {gain.ci95[1]:.0f}")
-    198 rad/s^2, 95 %: 196 to 200
+    198 rad/s^2, 95 %: 195 to 201
     """
     if isinstance(log, Result):
         if settings is not None or vehicle is not None or structure:
