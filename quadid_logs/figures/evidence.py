@@ -18,6 +18,7 @@ from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
 KEY: Final = "evidence"
 _TITLE = "Validation data: measured and predicted rates"
+_OF_AIR = " Air moves an axis 'by commands', too: only its response to commands is judged."
 #: As long as an eye can follow a manoeuvre [s].
 _CLOSE_LOOK_S = 5.0
 #: The band holds this fraction of the held-out errors.
@@ -81,10 +82,12 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
         return LeftOut(key=KEY, title=_TITLE, reason=reason)
     verdicts = result.diagnosis.axes
     panels: list[Panel] = []
+    by_commands = False
     for axis, symbol, held in zip(AXES, RATE_SYMBOLS, found, strict=True):
         refused = axis in verdicts and verdicts[axis].verdict == "refused"
         r2 = model.validation.r2_high_passed_rate.get(symbol, float("nan"))
         commanded = any(one.used for one in result.identification.spectral[AXES.index(axis) :][:1])
+        by_commands |= commanded and not refused and not r2 > 0.0
         panels.append(
             Panel(
                 title=axis.capitalize() + (": refused" if refused else _explained(r2, commanded)),
@@ -98,7 +101,8 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
         key=KEY,
         title=_TITLE,
         caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis. Simulated from the logged "
-        f"torque only, without motion slower than the fitted band ({slowest_hz(result):.2g} Hz).",
+        f"torque only, without motion slower than the fitted band ({slowest_hz(result):.2g} Hz)."
+        + (_OF_AIR if by_commands else ""),
         panels=tuple(panels),
         columns=3,
         low=True,
@@ -110,7 +114,7 @@ def _explained(r2: float, commanded: bool) -> str:
     if not np.isfinite(r2):
         return ""
     if commanded and not r2 > 0.0:
-        return ": judged by its commands"
+        return ": by commands"
     return f": {100.0 * r2:.3g} % predicted" if r2 > 0.0 else ": nothing predicted"
 
 
