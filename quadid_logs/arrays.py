@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -35,3 +35,23 @@ def row_blocks(n_rows: int) -> Iterator[slice]:
     """
     for first in range(0, n_rows, _BLOCK_ROWS):
         yield slice(first, min(first + _BLOCK_ROWS, n_rows))
+
+
+def runs(mask: ArrayLike) -> list[tuple[int, int]]:
+    """Return first index and index after the last of each run where a mask holds.
+
+    Parameters
+    ----------
+    mask : array-like of bool, shape (n,)
+
+    Returns
+    -------
+    list of (int, int)
+
+    Examples
+    --------
+    >>> runs([True, True, False, True])
+    [(0, 2), (3, 4)]
+    """
+    edges = np.flatnonzero(np.diff(np.asarray(mask, dtype=np.int8), prepend=0, append=0))
+    return [(first, after) for first, after in edges.reshape(-1, 2).tolist()]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, runs
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
 #: Take-off and touch-down push on the vehicle with forces that no model of free flight has.
@@ -123,11 +123,11 @@ def _until_it_rests(
     aloft = powered.copy()
     # At once, not for each run: the means are of sums over the whole log.
     stuck = rests & _at_full(series, grid)
-    for first, after in _runs(powered):
+    for first, after in runs(powered):
         held = np.flatnonzero(stuck[first:after])
         if held.size:
             aloft[first + held[0] : after] = False
-    for first, after in _runs(stated & ~aloft):
+    for first, after in runs(stated & ~aloft):
         between = first > 0 and after < grid.size and aloft[first - 1] and aloft[after]
         aloft[first:after] = between and not rests[first:after].any()
     return aloft
@@ -261,16 +261,10 @@ def _above_idle(series: CleanSeries, grid: FloatArray) -> BoolArray:
     return _held(series, grid, before=float(series.stored[0, 0])) > _IDLE_THROTTLE
 
 
-def _runs(mask: BoolArray) -> list[tuple[int, int]]:
-    """Return first index and index after the last of each run where the mask holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(int(first), int(after)) for first, after in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def _intervals(mask: BoolArray, grid: FloatArray) -> list[Interval]:
     """Return the intervals where the mask holds, bridging short dips."""
     found: list[Interval] = []
-    for first, after in _runs(mask):
+    for first, after in runs(mask):
         start, end = float(grid[first]), float(grid[after - 1])
         if found and start - found[-1][1] < _MIN_PAUSE_S:
             found[-1] = (found[-1][0], end)

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, runs
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.maths.intervals import inside
 
@@ -41,13 +41,10 @@ def longest_run(time_s: FloatArray, usable: BoolArray) -> slice | None:
     forward = step[(step > 0.0) & usable[1:]]
     typical_s = float(np.median(forward)) if forward.size else 0.0
     joined = (step > 0.0) & (step < _GAP * typical_s) & usable[1:] & usable[:-1]
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], joined.astype(np.int8), [0]])))
-    if not edges.size:
+    first, end = max(runs(joined), key=lambda run: run[1] - run[0], default=(0, 0))
+    if end == first:
         return None
-    starts, ends = edges[::2], edges[1::2]
-    best = int(np.argmax(ends - starts))
-    first = int(starts[best])
-    after = min(int(ends[best]) + 1, first + _MOST_ROWS)
+    after = min(end + 1, first + _MOST_ROWS)
     return slice(first, after) if time_s[after - 1] - time_s[first] >= _SHORTEST_S else None
 
 

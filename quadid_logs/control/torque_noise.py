@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, runs
 from quadid_logs.control.loop import close
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
@@ -73,9 +73,7 @@ def residual_spectrum(fit: FitSeries | None, number: int) -> Spectrum | None:
         return None
     left = fit.acceleration[:, number] - fit.modelled_acceleration[:, number]
     period_s = float(np.nanmedian(np.diff(fit.time_s)))
-    known = np.isfinite(left)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(np.int8)))
-    return _spectrum([left[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)], period_s)
+    return _spectrum([left[first:after] for first, after in runs(np.isfinite(left))], period_s)
 
 
 def _spectrum(columns: list[FloatArray], period_s: float) -> Spectrum | None:

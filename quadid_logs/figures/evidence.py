@@ -82,15 +82,17 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
         return LeftOut(key=KEY, title=_TITLE, reason=reason)
     verdicts = result.diagnosis.axes
     panels: list[Panel] = []
-    by_commands = False
+    any_by_commands = False
     for axis, symbol, held in zip(AXES, RATE_SYMBOLS, found, strict=True):
         refused = axis in verdicts and verdicts[axis].verdict == "refused"
         r2 = model.validation.r2_high_passed_rate.get(symbol, float("nan"))
         commanded = any(one.used for one in result.identification.spectral[AXES.index(axis) :][:1])
-        by_commands |= commanded and not refused and not r2 > 0.0
+        by_commands = commanded and r2 <= 0.0
+        any_by_commands |= by_commands and not refused
         panels.append(
             Panel(
-                title=axis.capitalize() + (": refused" if refused else _explained(r2, commanded)),
+                title=axis.capitalize()
+                + (": refused" if refused else _explained(r2, by_commands=by_commands)),
                 x=Axis(label="time", unit="s"),
                 y=replace(held.axis(), label="" if panels else RATE_AXIS.label),
                 curves=held.curves(),
@@ -102,18 +104,18 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
         title=_TITLE,
         caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis. Simulated from the logged "
         f"torque only, without motion slower than the fitted band ({slowest_hz(result):.2g} Hz)."
-        + (_OF_AIR if by_commands else ""),
+        + (_OF_AIR if any_by_commands else ""),
         panels=tuple(panels),
         columns=3,
         low=True,
     )
 
 
-def _explained(r2: float, commanded: bool) -> str:
+def _explained(r2: float, *, by_commands: bool) -> str:
     """Say what fraction of the motion is predicted, or that air moved it and commands alone were judged."""
     if not np.isfinite(r2):
         return ""
-    if commanded and not r2 > 0.0:
+    if by_commands:
         return ": by commands"
     return f": {100.0 * r2:.3g} % predicted" if r2 > 0.0 else ": nothing predicted"
 

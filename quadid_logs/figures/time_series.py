@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, runs
 from quadid_logs.data.flight import FlightData, InputDescription, Overview
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Panel
@@ -150,9 +150,7 @@ def _bars(intervals: tuple[tuple[float, float], ...], height: float) -> tuple[Fl
 
 def spans(time_s: FloatArray, mask: BoolArray) -> tuple[tuple[float, float], ...]:
     """Return start and end [s] of each run of True in `mask` (n_samples,)."""
-    edges = np.diff(np.concatenate([[0], np.asarray(mask, dtype=np.int8), [0]]))
-    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return tuple((float(time_s[i]), float(time_s[j])) for i, j in zip(first, last, strict=True))
+    return tuple((float(time_s[first]), float(time_s[after - 1])) for first, after in runs(mask))
 
 
 def aligned_series(result: Result) -> Figure | LeftOut:

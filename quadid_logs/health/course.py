@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.health import Course, Level, Quantity
 from quadid_logs.health.records import Record, averaged, in_flight
 from quadid_logs.numerals import number
@@ -46,7 +46,7 @@ def find_rates(rate: CleanSeries, intervals: Sequence[Interval]) -> Course | Non
     Course or None
         None where it was hardly logged in flight.
     """
-    record = _known(in_flight(rate, intervals))
+    record = _flown(rate, intervals)
     if record is None:
         return None
     size = np.degrees(np.abs(record.values))
@@ -88,10 +88,10 @@ def find_tilt(attitude: CleanSeries, intervals: Sequence[Interval]) -> Course | 
     Course or None
         None where it was hardly logged in flight.
     """
-    record = _known(in_flight(attitude, intervals))
+    record = _flown(attitude, intervals)
     if record is None:
         return None
-    record = Record(record.time_s, np.degrees(_tilt(record.values))[:, np.newaxis])
+    record = Record(record.time_s, np.degrees(np.arccos(_upright(record.values)))[:, np.newaxis])
     most = float(np.percentile(record.values, _NEARLY_ALL))
     within = most <= _FAILING_TILT_DEG
     told = f"In 99 % of the flight the vehicle tilts by less than {number(most, 2)} deg, "
@@ -132,7 +132,7 @@ def find_throttle(throttle: CleanSeries, intervals: Sequence[Interval]) -> Cours
     Course or None
         None where it was hardly logged in flight, or never changes.
     """
-    record = _known(in_flight(throttle, intervals))
+    record = _flown(throttle, intervals)
     if record is None or not np.ptp(record.values[:, 0]) > 0.0:
         return None
     record = Record(record.time_s, record.values[:, :1])
@@ -192,11 +192,13 @@ def find_thrust(
     Over a flight the vertical acceleration has a mean of nearly zero, so that the mean of the thrust's
     vertical part is the weight.
     """
-    record = _known(in_flight(thrust, intervals))
+    record = _flown(thrust, intervals)
     if record is None:
         return None
-    upright = _upright(attitude, record.time_s)
-    lifted = record.values[:, 0] * upright
+    lifted = record.values[:, 0]
+    if attitude is not None:
+        upright = _upright(attitude.values)
+        lifted = lifted * np.interp(record.time_s, attitude.time_s, upright, left=np.nan, right=np.nan)
     mass_kg = float(np.mean(lifted[np.isfinite(lifted)])) / GRAVITY_M_S2
     if not mass_kg > 0.0:
         return None
@@ -238,7 +240,7 @@ def find_torque(
     Rotors whose thrust T acts off the centre of mass by x forward and y to the right need the torques T x
     in pitch and -T y in roll (body axes FRD).
     """
-    record = _known(in_flight(torque, intervals))
+    record = _flown(torque, intervals)
     if record is None:
         return None
     mean, moved = record.values.mean(axis=0), record.values.std(axis=0)
@@ -248,7 +250,7 @@ def find_torque(
     told = f"The steady part of the torque is: {_by_axis(100.0 * share, 2)} % of how much it moves (rms). "
     told += "A balanced vehicle in still air needs none."
     figures = {axis: Quantity(float(one), "1") for axis, one in zip(AXES, share, strict=True)}
-    lift = None if thrust is None else _known(in_flight(thrust, intervals))
+    lift = None if thrust is None else _flown(thrust, intervals)
     if lift is not None and float(lift.values[:, 0].mean()) > 0.0:
         ahead, right = mean[[1, 0]] / float(lift.values[:, 0].mean()) * (1.0, -1.0)
         along, across = "ahead" if ahead > 0.0 else "behind", "right" if right > 0.0 else "left"
@@ -291,27 +293,18 @@ def _course(
     )
 
 
-def _known(record: Record) -> Record | None:
-    """Leave out what is no number; None of what is left is too little."""
-    good: BoolArray = np.asarray(np.isfinite(record.values).all(axis=1), dtype=np.bool_)
+def _flown(series: CleanSeries, intervals: Sequence[Interval]) -> Record | None:
+    """Return what was logged in flight, without what is no number; None where that is too little."""
+    record = in_flight(series, intervals)
+    good = np.isfinite(record.values).all(axis=1)
     if np.count_nonzero(good) < _FEWEST:
         return None
     return Record(record.time_s[good], record.values[good])
 
 
-def _tilt(angles: FloatArray) -> FloatArray:
-    """Return the angle between the body's and the Earth's vertical [rad]."""
-    return np.asarray(
-        np.arccos(np.clip(np.cos(angles[:, 0]) * np.cos(angles[:, 1]), -1.0, 1.0)), dtype=np.float64
-    )
-
-
-def _upright(attitude: CleanSeries | None, time_s: FloatArray) -> FloatArray:
-    """Return the cosine of the tilt at some times; NaN where it is not known, 1 without any attitude."""
-    if attitude is None:
-        return np.ones(time_s.size)
-    tilt = Record(attitude.time_s, _tilt(attitude.values))
-    return np.asarray(np.interp(time_s, tilt.time_s, np.cos(tilt.values), left=np.nan, right=np.nan))
+def _upright(angles: FloatArray) -> FloatArray:
+    """Return the cosine of the angle between the body's and the Earth's vertical."""
+    return np.asarray(np.clip(np.cos(angles[:, 0]) * np.cos(angles[:, 1]), -1.0, 1.0), dtype=np.float64)
 
 
 def _by_axis(values: FloatArray, digits: int) -> str:

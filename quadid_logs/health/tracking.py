@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.align.series import GAP_PERIODS, CleanSeries, Interval
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, runs
 from quadid_logs.data.health import AxisTracking, Level, Quantity, Tracking
 from quadid_logs.health.records import in_flight, records
 from quadid_logs.maths.rotations import unwrapped
@@ -88,7 +88,7 @@ def _judged(time_s: FloatArray, worst: FloatArray) -> _Judgement:
     """Say for how much of the flight roll or pitch stays off its set-point, by how much."""
     step_s = float(np.median(np.diff(time_s)))
     off_s, largest = 0.0, 0.0
-    for first, after in _runs(time_s, worst > _WARN_RAD, step_s):
+    for first, after in _unbroken(time_s, worst > _WARN_RAD, step_s):
         length_s = float(time_s[after - 1] - time_s[first]) + step_s
         if length_s >= _LASTS_S:
             off_s, largest = off_s + length_s, max(largest, float(worst[first:after].max()))
@@ -110,12 +110,11 @@ def _judged(time_s: FloatArray, worst: FloatArray) -> _Judgement:
     return _Judgement(words, level, off)
 
 
-def _runs(time_s: FloatArray, mask: BoolArray, step_s: float) -> list[tuple[int, int]]:
+def _unbroken(time_s: FloatArray, mask: BoolArray, step_s: float) -> list[tuple[int, int]]:
     """Return first index and index after the last of each run without a pause of the log."""
     pauses = np.flatnonzero(np.diff(time_s) > GAP_PERIODS * step_s) + 1
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     found = []
-    for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for first, after in runs(mask):
         inside = pauses[(pauses > first) & (pauses < after)].tolist()
         found += list(pairwise([first, *inside, after]))
     return found

@@ -14,7 +14,6 @@ from quadid_logs.data.model import Effect
 from quadid_logs.identify.spectral import SpectralSolution, command_records, spectra_of
 from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
 from quadid_logs.maths.band import ComplexArray
-from quadid_logs.maths.block_spectra import BlockSpectra
 from quadid_logs.maths.recurrence import lag
 from quadid_logs.maths.rotations import tilt_from_rates
 
@@ -74,8 +73,20 @@ class FlownSignals:
 
     def in_time(self, lines: ComplexArray) -> list[FloatArray]:
         """Return signals, one array of shape (n_samples, 3) a record, of spectra (n_blocks, n_lines, 3)."""
-        lengths = [record.segment.n_samples for record in self.records]
-        return _in_time(lines, self.spectra, lengths, self.data.sample_period_s)
+        period_s, step_hz = self.data.sample_period_s, float(np.diff(self.spectra.frequency_hz[:2])[0])
+        n = 2 * round(0.5 / (step_hz * period_s))
+        where = np.rint(self.spectra.frequency_hz / step_hz).astype(int)
+        signals = [np.zeros((record.segment.n_samples, lines.shape[2])) for record in self.records]
+        place = np.zeros(len(signals), dtype=int)
+        for block, record in zip(lines, self.spectra.run.tolist(), strict=True):
+            full = np.zeros((n // 2 + 1, lines.shape[2]), dtype=np.complex128)
+            full[where] = block / period_s
+            first = place[record]
+            # Windows that overlap add to one. One has a mean square of one; Hann's as it is adds up to one,
+            # its mean square is 3/8.
+            signals[record][first : first + n] += np.sqrt(0.375) * np.fft.irfft(full, n, axis=0)
+            place[record] += n // 2
+        return signals
 
     def column(
         self,
@@ -259,22 +270,3 @@ def _not_braked(torque: FloatArray, period_s: float, lag_s: float) -> FloatArray
     """
     lacking = torque - lag(torque, period_s, lag_s)
     return np.asarray(np.sign(lacking) * lag(np.abs(lacking), period_s, lag_s))
-
-
-def _in_time(
-    spectrum: ComplexArray, spectra: BlockSpectra, lengths: Sequence[int], period_s: float
-) -> list[FloatArray]:
-    """Return the signals of each record, shape (n_samples, 3): windows that overlap add to one."""
-    step_hz = float(spectra.frequency_hz[1] - spectra.frequency_hz[0])
-    n = 2 * round(0.5 / (step_hz * period_s))
-    lines = np.rint(spectra.frequency_hz / step_hz).astype(int)
-    signals = [np.zeros((length, spectrum.shape[2])) for length in lengths]
-    place = np.zeros(len(signals), dtype=int)
-    for block, record in zip(spectrum, spectra.run.tolist(), strict=True):
-        full = np.zeros((n // 2 + 1, spectrum.shape[2]), dtype=np.complex128)
-        full[lines] = block / period_s
-        first = place[record]
-        # A window has a mean square of one; Hann's as it is adds up to one, its mean square is 3/8.
-        signals[record][first : first + n] += np.sqrt(0.375) * np.fft.irfft(full, n, axis=0)
-        place[record] += n // 2
-    return signals

@@ -25,7 +25,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray, runs
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.model import SpectralFit
@@ -355,11 +355,9 @@ def command_records(data: FlightData) -> list[CommandRecord]:
         columns = np.column_stack(
             [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, put_back, *speed, command]
         )
-        known = np.isfinite(columns).all(axis=1)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]])))
         records += [
             CommandRecord(segment.rows(slice(first, after)), columns[first:after])
-            for first, after in edges.reshape(-1, 2).tolist()
+            for first, after in runs(np.isfinite(columns).all(axis=1))
         ]
     return records if len({record.columns.shape[1] for record in records}) == 1 else []
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import FloatArray, runs
 from quadid_logs.data.model import Model, Windows
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Cell, Table
@@ -126,9 +126,8 @@ def _coherent(frequency_hz: FloatArray, coherence: FloatArray) -> str:
     """Return the widest span of frequencies, in octaves, all over which torque and rate belong together."""
     known = frequency_hz > 0.0
     frequency_hz, good = frequency_hz[known], coherence[known] > 0.5
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]]).astype(np.int8)))
-    first, last = frequency_hz[edges[::2]], frequency_hz[edges[1::2] - 1]
-    if not first.size:
+    spans = [(float(frequency_hz[first]), float(frequency_hz[after - 1])) for first, after in runs(good)]
+    if not spans:
         return "nowhere"
-    widest = int(np.argmax(last / first))
-    return f"{number(float(first[widest]), 2)} to {number(float(last[widest]), 2)} Hz"
+    low, high = max(spans, key=lambda span: span[1] / span[0])
+    return f"{number(low, 2)} to {number(high, 2)} Hz"

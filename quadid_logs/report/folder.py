@@ -27,7 +27,7 @@ RESULT_FILE, REPORT_FILE = "result.json", "report.html"
 INDEX_FILE = "index.html"
 #: A result.json has one or two.
 _MOST_BYTES: Final = 50_000_000
-#: Which figures are also written as PNG: the summary and those of the first chapter, every one, or none.
+#: Which figures are also written as PNG: the summary alone, every one, or none.
 PngChoice = Literal["summary", "all", "none"]
 
 
