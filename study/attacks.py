@@ -64,7 +64,9 @@ class Attack:
     settings: dict[str, float | str] = dataclasses.field(default_factory=dict)
 
 
-def _scenario(rng: np.random.Generator, effects: dict[str, Any], quad: bool = False, **changes: Any) -> Scenario:  # noqa: ANN401
+def _scenario(
+    rng: np.random.Generator, effects: dict[str, Any], quad: bool = False, **changes: Any
+) -> Scenario:  # noqa: ANN401
     """Draw a vehicle of 5 to 15 inches in calm or gusty air with all axes excited at once."""
     frame = quad_x if rng.random() < 0.7 or quad else hexa_x
     gust = float(rng.choice([0.05, 0.3, 1.0]))
@@ -105,7 +107,9 @@ def _circular(rng: np.random.Generator) -> Attack:
 def _cut_values(rng: np.random.Generator) -> Attack:
     """The torque is cut, not rounded, to steps of 0.2 to 2 % of the full command."""
     step = log_uniform(rng, 0.002, 0.02)
-    return Attack(scenario=_scenario(rng, {}), change=partial(with_cut_torque, step=step), settings={"size": step})
+    return Attack(
+        scenario=_scenario(rng, {}), change=partial(with_cut_torque, step=step), settings={"size": step}
+    )
 
 
 def _limit_cycle(rng: np.random.Generator) -> Attack:
@@ -180,7 +184,9 @@ def with_computed_torque(log: FlightLog, *, scale: float, forward: bool) -> Flig
     """Return the log with torques that were computed from the rates, as the only torque that it has."""
     rate = log.signals["body_rate"][0]
     step_s = float(np.median(np.diff(rate.rows.time_s)))
-    slope = np.diff(rate.values, axis=0, append=rate.values[-1:]) if forward else np.gradient(rate.values, axis=0)
+    slope = (
+        np.diff(rate.values, axis=0, append=rate.values[-1:]) if forward else np.gradient(rate.values, axis=0)
+    )
     given = log.signals["torque_command"][0]
     size = np.std(given.values, axis=0) / np.std(slope / step_s, axis=0) * scale
     torque = dataclasses.replace(given, rows=rate.rows, values=slope / step_s * size)
@@ -197,7 +203,9 @@ def with_cut_torque(log: FlightLog, *, step: float) -> FlightLog:
     given = log.signals["torque_command"][0]
     torque = dataclasses.replace(given, values=np.trunc(given.values / step) * step)
     signals = {
-        name: each for name, each in log.signals.items() if name not in ("motor_thrust", "rotor_speed", "output_pwm")
+        name: each
+        for name, each in log.signals.items()
+        if name not in ("motor_thrust", "rotor_speed", "output_pwm")
     }
     return dataclasses.replace(log, signals=signals | {"torque_command": (torque,)})
 
@@ -258,7 +266,11 @@ def judged(name: str, number: int, seed: int) -> Iterator[dict[str, Any]]:
             low, high = entry.ci95
             half = 0.5 * (high - low)
             miss = float(np.max(np.abs(true - 0.5 * (low + high)))) / half if math.isfinite(half) else 0.0
-            row |= {"error": entry.value / float(true[0]) - 1.0, "half_width": half / entry.value, "miss": miss}
+            row |= {
+                "error": entry.value / float(true[0]) - 1.0,
+                "half_width": half / entry.value,
+                "miss": miss,
+            }
         yield row
 
 
