@@ -144,7 +144,7 @@ def grid_errors(design: Design, grid: Sequence[float]) -> tuple[RowTorque, ...]:
 
 
 def half_steps(torque: FloatArray, step: float) -> FloatArray:
-    """Return half a step in the direction of each torque; where it is zero, from the sign before to that after.
+    """Return half a step in the direction of each torque; at zero, from the sign before to that after.
 
     Parameters
     ----------

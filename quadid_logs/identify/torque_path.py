@@ -68,9 +68,9 @@ def torque_path(segments: Sequence[Segment], axis: int, period_s: float) -> Torq
     the band, each divided by its power of acceleration; the lag is where u' explains nothing more. Standard
     errors are those of the jackknife over windows. The null hypothesis is a torque that acts through
     something: a lag of `_LEAST_LAG_S` or more, or a roll-off of `_LEAST_ROLL_OFF_S2` or more. The
-    p-value is the larger one of the two, by Student's distribution. The difference to the next sample comes half a
-    sample before the acceleration: a lag of just that is no rotor's where so near a lag, and so little left of
-    the motion (gusts, noise), would come together by chance.
+    p-value is the larger one of the two, by Student's distribution. The difference to the next sample comes
+    half a sample before the acceleration: a lag of just that is no rotor's where so near a lag, and so little
+    left of the motion (gusts, noise), would come together by chance.
     """
     lines = _Lines.of(segments, axis, period_s)
     if lines is None:
@@ -102,7 +102,7 @@ def torque_path(segments: Sequence[Segment], axis: int, period_s: float) -> Torq
 
 
 def _by_chance(distance_s: float, unexplained: float) -> float:
-    """Return the probability that a lag of rotors is so near to a given one, and so little is left of all motion.
+    """Return the probability that a rotor's lag is so near to a given one, with so little left of the motion.
 
     Of two independent p-values, by Fisher's method: their product k is below k (1 - ln k) of the cases.
     """
