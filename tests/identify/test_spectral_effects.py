@@ -217,3 +217,34 @@ def test_without_rotors_their_dead_zone_is_not_asked() -> None:
     """A table holds torques only."""
     data = replace(_fly(0, _dead_rotors), input=None)
     assert not any("rotor threshold" in fit.effects for fit in fit_by_spectra(data))
+
+
+def test_a_dead_zone_of_all_commands_is_told_by_all_axes_together() -> None:
+    """About each axis alone it is too small to be seen, and takes a tenth of the effectiveness."""
+    fits = fit_by_spectra(_fly(6, _dead, gusts=1.2))
+    assert all(_holds(fits[axis], axis) for axis in range(3))
+
+
+def test_steps_that_were_cut_toward_zero_are_put_back() -> None:
+    """What was logged lacks half a step, as seen in the effectiveness of the commands that were cut."""
+    data, step = _fly(0, gusts=0.2), 0.012
+    segment = data.segments[0]
+    cut = replace(segment, torque=np.trunc(segment.torque / step) * step)
+    described = replace(data.input, grid=(step, step, step))
+    blind, told = (
+        fit_by_spectra(replace(data, segments=(cut,), input=each)) for each in (data.input, described)
+    )
+    assert not _holds(blind[2], 2)
+    assert "cut steps" in told[2].effects
+    assert all(_holds(told[axis], axis) for axis in range(3))
+
+
+def test_steps_that_were_rounded_are_left_as_they_are() -> None:
+    """They lack nothing on the mean."""
+    data, step = _fly(0, gusts=0.2), 0.008
+    segment = data.segments[0]
+    rounded = replace(segment, torque=np.rint(segment.torque / step) * step)
+    described = replace(data.input, grid=(step, step, step))
+    fits = fit_by_spectra(replace(data, segments=(rounded,), input=described))
+    assert not any("cut steps" in fit.effects for fit in fits)
+    assert all(_holds(fits[axis], axis) for axis in range(2))

@@ -25,6 +25,19 @@ def test_clipped_and_mixed_samples_hide_no_grid() -> None:
     assert step_of(values) == pytest.approx(0.1, rel=1e-3)
 
 
+def test_what_stood_still_on_a_level_of_its_own_hides_no_grid() -> None:
+    """Commands on the ground last for seconds, each a level that comes again."""
+    values = np.concatenate([np.trunc(TORQUE / 0.02) * 0.02, np.full(30, 0.0133), np.full(8, 0.0154)])
+    assert step_of(values) == pytest.approx(0.02, rel=1e-3)
+
+
+def test_two_levels_that_rounding_tells_apart_are_no_step() -> None:
+    """Of a millionth of the largest value every number is a multiple."""
+    values = np.rint(TORQUE / 1e-6)
+    pairs = np.concatenate([np.repeat(values[:40], 3), np.repeat(values[:40] + 3.0, 3)]) * 1e-6
+    assert step_of(pairs) == 0.0
+
+
 def test_one_step_to_either_side_is_a_grid() -> None:
     """The least that whole numbers can hold."""
     assert step_of(np.sign(np.trunc(TORQUE)) * 0.5) == pytest.approx(0.5, rel=1e-3)
