@@ -13,11 +13,11 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.control.loop import integrators, on_angle, on_rate
 from quadid_logs.control.margins import (
     LoopFigures,
+    figures_and_worse,
     figures_of,
     fine_grid_hz,
     grid_hz,
     margins_of,
-    unmodelled,
 )
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins, Plant
 from quadid_logs.data.controller import AxisController
@@ -102,11 +102,10 @@ class ScaledLoops(NamedTuple):
             fixed = 0.0 if self.fixed is None else self.fixed[0]
             loops.append((column * (self.rate[0] + self.angle[0]) + fixed, n + 1))
         runs_away = np.repeat(self.plants.damping[:1] > 0.0, factors.size)
-        later = unmodelled(self.frequency_hz, self.known_hz)
         figures = [
-            figures_of(self.frequency_hz, each, n_poles, runs_away)
+            each
             for loop, n_poles in loops
-            for each in (loop, loop * later)
+            for each in figures_and_worse(self.frequency_hz, loop, n_poles, runs_away, self.known_hz)
         ]
         told = np.concatenate([spare_of(one, limits) for one in figures], axis=1)
         return np.asarray(np.maximum(np.min(told, axis=1), 0.0))
