@@ -176,7 +176,7 @@ def test_worse_figures_are_those_of_the_loop_with_the_further_delay(crossover_hz
 
 
 def test_a_loop_that_crosses_the_axis_there_and_back_is_stable() -> None:
-    """100 (1 + s)^2 / s / (1 + 10 s)^2 lags by 200 degrees at 0.05 Hz, where its gain is 30, and by 90 later."""
+    """100 (1 + s)^2 / s / (1 + 10 s)^2 lags by 200 degrees at 0.05 Hz and by 90 later, its gain being 30."""
     loop = (100.0 * (1.0 + S) ** 2 / S / (1.0 + 10.0 * S) ** 2)[np.newaxis]
     assert np.unwrap(np.angle(loop[0])).min() < -np.pi
     assert is_stable(loop, 1, NO)[0]
