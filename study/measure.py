@@ -93,13 +93,26 @@ def simulate_drawn(drawn: Drawn) -> tuple[FlightLog, dict[str, Any]]:
     record = fly(setup)
     if drawn.clipped_fraction:
         record = fly(_limited(setup, record, drawn.clipped_fraction))
-    log = log_flights((record,), scenario.logging)
+    truth = flight_truth((record,), scenario=scenario.name, boot_s=scenario.logging.boot_s)
+    return per_command(log_flights((record,), scenario.logging)), truth
+
+
+def per_command(log: FlightLog) -> FlightLog:
+    """Return the log without what would put its torque into newton metres.
+
+    Parameters
+    ----------
+    log : FlightLog
+
+    Returns
+    -------
+    FlightLog
+    """
     parameters = {
         name: _PX4_PLACEHOLDER_CT if name.startswith("CA_ROTOR") and name.endswith("_CT") else value
         for name, value in log.parameters.items()
     }
-    truth = flight_truth((record,), scenario=scenario.name, boot_s=scenario.logging.boot_s)
-    return dataclasses.replace(log, parameters=parameters), truth
+    return dataclasses.replace(log, parameters=parameters)
 
 
 def _limited(setup: Setup, record: Record, clipped_fraction: float) -> Setup:

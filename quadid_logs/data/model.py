@@ -345,6 +345,7 @@ Effect = Literal[
     "second lag",
     "asymmetry",
     "varying gain",
+    "cut steps",
 ]
 
 

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import (
@@ -80,6 +81,9 @@ _CODES: Final[dict[Effect, str]] = {
     "asymmetry": "QL527",
     "varying gain": "QL528",
 }
+#: What acts below the loop's frequencies and in proportion: a response to commands that knows its lag and
+#: damping at all of them, each weighted, is none the worse for it.
+_LINEAR: Final[frozenset[Effect]] = frozenset({"tilt", "swing"})
 #: What a loss of torque would be, after "if".
 _IF: Final[dict[Effect, str]] = {
     "threshold": "small torques had less effect",
@@ -257,9 +261,13 @@ def _commanded_rates(model: Model, numbers: Sequence[int], *, may_be_rate: bool)
 def _by_spectra(fits: Sequence[SpectralFit]) -> Iterator[Finding]:
     """Name the effects of which an effectiveness that comes from answers to commands knows."""
     for axis, fit in zip(AXES, fits, strict=False):
-        # The interval covers what their form leaves open.
-        level: Level = "warning" if abs(fit.shift) > LARGE_SHIFT else "info"
         for effect in fit.effects if fit.used else ():
+            if effect == "cut steps":
+                # The finding about the steps is there already.
+                continue
+            # The interval covers what their form leaves open; that of a tilt is known.
+            large = abs(fit.shift) > LARGE_SHIFT and effect not in _LINEAR
+            level: Level = "warning" if large else "info"
             evidence: dict[str, object] = {
                 "effect": effect,
                 "effectiveness_with_it": rounded(1.0 + fit.shift, 3),
@@ -277,7 +285,7 @@ def _effects(check: StructuralCheck, number: int, axis: str, *, averaged: bool =
     seen = [each for each in seen_effects(check, number) if not (averaged and each.effect in AVERAGED)]
     if seen:
         # A mode looks like a second lag, a tilt like a mode: the best explanation is enough.
-        yield _effect(check, max(seen, key=lambda each: each.explained), axis)
+        yield _effect(check, max(seen, key=lambda each: each.explained), axis, told=averaged)
         return
     possible = max(possible_losses(check, number), key=lambda each: abs(each.shift), default=None)
     if possible is not None and abs(possible.shift) > LARGE_SHIFT and not averaged:
@@ -298,8 +306,10 @@ def _effects(check: StructuralCheck, number: int, axis: str, *, averaged: bool =
         yield finding("QL528", "warning", evidence, axes=(axis,))
 
 
-def _effect(check: StructuralCheck, effect: EffectCheck, axis: str) -> Finding:
+def _effect(check: StructuralCheck, effect: EffectCheck, axis: str, *, told: bool) -> Finding:
     level: Level = "error" if abs(effect.shift) > LARGEST_SHIFT else "warning"
+    if told and effect.effect in _LINEAR:
+        level = "info"
     return finding(_CODES[effect.effect], level, _evidence(check, effect), axes=(axis,))
 
 
@@ -339,9 +349,23 @@ def _whole_model(check: StructuralCheck, period_s: float) -> Iterator[Finding]:
         else:
             yield finding("QL507", "info", evidence, title="The delay lies at its least, zero")
     gain, half_width = check.flight_gain, check.flight_half_width
+    if not len(gain):
+        return
+    # Battery, load and air change the effectiveness about all axes alike.
+    common = _flights(*_of_all_axes(gain, half_width))
     for number, axis in enumerate(AXES):
-        if len(gain) and (differing := _flights(gain[:, number], half_width[:, number])) is not None:
+        differing = _flights(gain[:, number], half_width[:, number]) or common
+        if differing is not None:
             yield finding("QL529", "warning", differing, axes=(axis,))
+
+
+def _of_all_axes(gain: FloatArray, half_width: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return each flight's effectiveness about all axes together, and its half width; (n_flights,) each."""
+    weight = np.where(np.isfinite(gain) & (half_width > 0.0), half_width, np.inf) ** -2.0
+    known = weight.sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = np.sum(weight * np.nan_to_num(gain), axis=1) / known
+        return np.where(known > 0.0, mean, np.nan), np.where(known > 0.0, known**-0.5, np.nan)
 
 
 def _flights(gain: np.ndarray, half_width: np.ndarray) -> dict[str, object] | None:

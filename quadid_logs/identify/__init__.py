@@ -11,6 +11,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import (
+    Effect,
     Excitation,
     Identification,
     Model,
@@ -58,6 +59,10 @@ _SMOOTHING_HZ = 5.0
 #: Leaving this much more of held-out acceleration unexplained is chance: the
 #: squared error of some hundred clusters is known to a tenth.
 _WORSE = 0.1
+_DEAD_ROTORS = (
+    "rotors that do not follow small changes of their command look like another expo, and this flight shows "
+    "them"
+)
 _NOT_A_RIGID_BODY = (
     "This flight does not show that the vehicle is a single rigid body: its gyroscopic terms are not seen, "
     "or the equations fitted one by one explain held-out flight better."
@@ -112,7 +117,12 @@ def identify(
         return Identification(skipped="the flight is too short for the number of unknowns")
     high_passed = design.high_passed(settings.high_pass_hz)
     design = with_strong_instruments(design, high_passed, excited_axes(high_passed))
-    data, design, curve = fit_thrust_curve(data, design, settings.high_pass_hz)
+    flown, rows = data, design
+    data, design, curve = fit_thrust_curve(flown, rows, settings.high_pass_hz)
+    told_by_commands = _by_spectra(data)
+    if curve is not None and curve.corrected and told_by_commands.shows("rotor threshold"):
+        data, design, curve = fit_thrust_curve(flown, rows, settings.high_pass_hz, hidden_by=_DEAD_ROTORS)
+        told_by_commands = _by_spectra(data)
     fits = _fit_first(data, design, structures, settings)
     used = design.high_passed(settings.high_pass_hz)
     told = [] if design.instruments is None else told_axes(used)
@@ -128,7 +138,8 @@ def identify(
     models = fits.models()
     wanted = recommended or settings.structure
     identified = _identified(data, _recommend(models, wanted), design)
-    spectral, told_again = _told_by_spectra(data, models[0], identified.excitation, curve)
+    spectral = told_by_commands.fits
+    told_again = _told_by_spectra(told_by_commands, data, models[0], identified.excitation, curve)
     told_again = told_again if wanted in ("", models[0].structure) else ()
     if told_again:
         identified = _with_spectral(
@@ -141,27 +152,48 @@ def identify(
     return replace(identified, responses=found, thrust_curve=curve, spectral=spectral)
 
 
-def _told_by_spectra(
-    data: FlightData, model: Model, excitation: Sequence[Excitation], curve: ThrustCurve | None
-) -> tuple[tuple[SpectralFit, ...], tuple[int, ...]]:
-    """Return what answers to commands tell of each axis, and the axes whose fit in time they replace."""
+class _BySpectra(NamedTuple):
+    """What answers to commands tell of each axis: as they are, and with effects. Empty where nothing does."""
+
+    plain: tuple[SpectralFit, ...] = ()
+    fits: tuple[SpectralFit, ...] = ()
+    planned: bool = False
+
+    def shows(self, effect: Effect) -> bool:
+        """Say whether an axis shows an effect."""
+        return any(effect in fit.effects for fit in self.fits)
+
+
+def _by_spectra(data: FlightData) -> _BySpectra:
+    """Return what answers to commands tell of each axis."""
     solution = solve_flight(data)
     if solution is None:
-        return (), ()
-    axes = range(len(solution.fits))
-    spoiled = axes if solution.planned else spoiled_axes(model, data.sample_period_s)
+        return _BySpectra()
+    return _BySpectra(solution.fits, average_over_effects(solution, data), solution.planned)
+
+
+def _told_by_spectra(
+    told: _BySpectra,
+    data: FlightData,
+    model: Model,
+    excitation: Sequence[Excitation],
+    curve: ThrustCurve | None,
+) -> tuple[int, ...]:
+    """Return the axes whose fit in time is replaced by what answers to commands tell."""
+    axes = range(len(told.fits))
+    spoiled = axes if told.planned else spoiled_axes(model, data.sample_period_s)
     # At one frequency a fit in time takes lag and delay for known.
     spoiled = tuple(axis for axis in axes if axis in spoiled or holds_one_frequency(excitation, axis))
     # What another thrust curve makes of newton metres is in the interval of the fit in time alone.
     of_newtons = data.input is not None and data.input.kind == "torque_n_m"
     certain = curve is None or curve.identifiable or not of_newtons
-    wider = [axis for axis in axes if certain and solution.fits[axis].half_width < _half_width(model, axis)]
-    fits = average_over_effects(solution, data)
+    wider = [axis for axis in axes if certain and told.plain[axis].half_width < _half_width(model, axis)]
     narrower = (
-        axis for axis in wider if fits[axis].is_sound and fits[axis].half_width < _half_width(model, axis)
+        axis
+        for axis in wider
+        if told.fits[axis].is_sound and told.fits[axis].half_width < _half_width(model, axis)
     )
-    told = {*(axis for axis in spoiled if fits[axis].is_of_use), *narrower}
-    return fits, tuple(sorted(told))
+    return tuple(sorted({*(axis for axis in spoiled if told.fits[axis].is_of_use), *narrower}))
 
 
 def _half_width(model: Model, axis: int) -> float:

@@ -12,6 +12,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.model import Effect
 from quadid_logs.identify.spectral import SpectralSolution, command_records, spectra_of
+from quadid_logs.identify.torque_errors import half_steps
 from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.recurrence import lag
@@ -50,6 +51,14 @@ class EffectColumn(NamedTuple):
     spread: float
     weight: float
     varies: float = 0.0
+
+
+class Loss(NamedTuple):
+    """What an effect takes from a torque (n_samples, 3) at one level, and its weight among all levels."""
+
+    effect: Effect
+    lost: Callable[[FloatArray], FloatArray]
+    weight: float
 
 
 class FlownSignals:
@@ -120,6 +129,11 @@ class FlownSignals:
             varies=varies,
         )
 
+    def of_loss(self, loss: Loss, spread: float = _LOST) -> EffectColumn | None:
+        """Return the column about all axes of what an effect takes from the torque."""
+        made = [loss.lost] * len(self.records)
+        return self.column(loss.effect, made, lost=True, spread=spread, weight=loss.weight)
+
 
 def effect_columns(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn]:
     """Yield the columns of all effects that do not depend on what is left, at each level.
@@ -134,15 +148,15 @@ def effect_columns(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn
     ------
     EffectColumn
     """
-    losses = [
-        *_losses_of_axes(signals.torques, signals.data.sample_period_s, lag_s),
-        *_losses_of_rotors(signals.torques, signals.data.input),
-    ]
-    for kind, lost, weight in losses:
-        column = signals.column(kind, [lost] * len(signals.records), lost=True, spread=_LOST, weight=weight)
+    for loss in _losses_of_axes(signals.torques, signals.data.sample_period_s, lag_s):
+        column = signals.of_loss(loss)
         if column is not None:
-            of_all = kind == "rotor threshold"
-            yield from [column] if of_all else (column._replace(axes=(axis,)) for axis in signals.moved)
+            yield from (column._replace(axes=(axis,)) for axis in signals.moved)
+    for loss in (*_losses_of_rotors(signals.torques, signals.data.input), *_losses_of_all(signals.torques)):
+        column = signals.of_loss(loss)
+        if column is not None:
+            yield column
+    yield from _cut_steps(signals)
     yield from _tilts(signals)
     yield from _by_throttle(signals)
 
@@ -197,14 +211,6 @@ def _times(factor: FloatArray, torque: FloatArray) -> FloatArray:
     return factor * torque
 
 
-class _Loss(NamedTuple):
-    """What an effect takes from a torque (n_samples, 3) at one level, and its weight among all levels."""
-
-    effect: Effect
-    lost: Callable[[FloatArray], FloatArray]
-    weight: float
-
-
 def _below(torque: FloatArray, level: FloatArray) -> FloatArray:
     return np.clip(torque, -level, level)
 
@@ -213,17 +219,43 @@ def _beyond(torque: FloatArray, level: FloatArray) -> FloatArray:
     return torque - np.clip(torque, -level, level)
 
 
-def _losses_of_axes(torques: Sequence[FloatArray], period_s: float, lag_s: float) -> Iterator[_Loss]:
+def _losses_of_axes(torques: Sequence[FloatArray], period_s: float, lag_s: float) -> Iterator[Loss]:
     """Yield what the torque about each axis may lose by itself."""
     sizes = np.abs(np.concatenate(torques))
     for level in np.quantile(sizes, _DEAD_ZONES, axis=0):
-        yield _Loss("threshold", partial(_below, level=level), 1.0 / len(_DEAD_ZONES))
+        yield Loss("threshold", partial(_below, level=level), 0.5 / len(_DEAD_ZONES))
     for level in np.quantile(sizes, _LIMITS, axis=0):
-        yield _Loss("limit", partial(_beyond, level=level), 1.0 / len(_LIMITS))
-    yield _Loss("asymmetry", partial(_not_braked, period_s=period_s, lag_s=lag_s), 1.0)
+        yield Loss("limit", partial(_beyond, level=level), 1.0 / len(_LIMITS))
+    yield Loss("asymmetry", partial(_not_braked, period_s=period_s, lag_s=lag_s), 1.0)
 
 
-def _losses_of_rotors(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[_Loss]:
+def _losses_of_all(torques: Sequence[FloatArray]) -> Iterator[Loss]:
+    """Yield what one dead zone of the commands about all axes takes, as likely as one about each."""
+    for level in np.quantile(np.abs(np.concatenate(torques)), _DEAD_ZONES):
+        yield Loss("threshold", partial(_below, level=level), 0.5 / len(_DEAD_ZONES))
+
+
+def _cut_steps(signals: FlownSignals) -> Iterator[EffectColumn]:
+    """Yield what is missing in a torque that was logged in whole steps if these were cut, not rounded.
+
+    The coefficient is the effectiveness itself if they were, and none if they were not.
+    """
+    described = signals.data.input
+    for axis in signals.moved:
+        step = 0.0 if described is None else described.grid[axis]
+        if step:
+            added = Loss("cut steps", partial(_missing, step=step), 1.0)
+            column = signals.of_loss(added, spread=1.0)
+            if column is not None:
+                yield column._replace(axes=(axis,))
+
+
+def _missing(torque: FloatArray, step: float) -> FloatArray:
+    """Return half a step against the direction of each torque: lost, it is added."""
+    return np.asarray(-half_steps(torque, step))
+
+
+def _losses_of_rotors(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[Loss]:
     """Yield what dead zones of the rotors take, where it is known how they make the torque."""
     per_thrust = None if described is None else described.torque_per_thrust
     if per_thrust is None or not np.isfinite(per_thrust).all() or not per_thrust.any():
@@ -231,7 +263,7 @@ def _losses_of_rotors(torques: Sequence[FloatArray], described: InputDescription
     by_torque = np.asarray(np.linalg.pinv(per_thrust), dtype=np.float64)
     for level in np.quantile(np.abs(np.concatenate(torques) @ by_torque.T), _DEAD_ZONES):
         lost = partial(_below_of_rotors, level=level, by_torque=by_torque, per_thrust=per_thrust)
-        yield _Loss("rotor threshold", lost, 1.0 / len(_DEAD_ZONES))
+        yield Loss("rotor threshold", lost, 1.0 / len(_DEAD_ZONES))
 
 
 def _below_of_rotors(

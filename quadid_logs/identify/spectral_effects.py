@@ -44,7 +44,7 @@ from quadid_logs.maths.normal import NORMAL_95
 
 #: The effects that are averaged over.
 AVERAGED: Final[frozenset[Effect]] = frozenset(
-    {"threshold", "rotor threshold", "limit", "asymmetry", "tilt", "varying gain"}
+    {"threshold", "rotor threshold", "limit", "asymmetry", "tilt", "varying gain", "cut steps"}
 )
 #: Before a log is seen: none of the effects is as likely as one of them, and each kind as likely as another.
 _NO_EFFECT = 0.5

@@ -213,7 +213,7 @@ class _Search:
 
 
 def fit_thrust_curve(
-    data: FlightData, whole: Design, high_pass_hz: float
+    data: FlightData, whole: Design, high_pass_hz: float, *, hidden_by: str = ""
 ) -> tuple[FlightData, Design, ThrustCurve | None]:
     """Find the expo of the thrust curve, and rebuild the torque where the assumed one is not it.
 
@@ -223,6 +223,8 @@ def fit_thrust_curve(
     whole : Design
         Its rows, not high-passed.
     high_pass_hz : float
+    hidden_by : str
+        What else this flight shows that looks like another expo: none is looked for then.
 
     Returns
     -------
@@ -241,7 +243,11 @@ def fit_thrust_curve(
     expo, scale = described.expo, _scale_change(data, described.expo)
     data = replace(data, segments=tuple(_normalised(each, scale) for each in data.segments))
     whole = whole.with_chunks([_normalised(each, scale) for each in whole.chunks])
-    found = _with_other_changes(_search(whole.high_passed(high_pass_hz), described), data)
+    found = (
+        _Found(0.0, np.inf, hidden_by)
+        if hidden_by
+        else _with_other_changes(_search(whole.high_passed(high_pass_hz), described), data)
+    )
     curve, shift, half_width = _judged(expo, found, scale)
     corrected = replace(expo, value=curve.expo, half_width=half_width)
     curve = _with_effectiveness(curve, data, shift, half_width)

@@ -133,20 +133,35 @@ def grid_errors(design: Design, grid: Sequence[float]) -> tuple[RowTorque, ...]:
     """
     return tuple(
         design.torque.replaced(
-            [_lost(chunk.torque[:, axis], step) * (np.arange(3) == axis) for chunk in design.chunks]
+            [
+                _IN_FULL * half_steps(chunk.torque[:, [axis]], step) * (np.arange(3) == axis)
+                for chunk in design.chunks
+            ]
         )
         for axis, step in enumerate(grid)
         if step
     )
 
 
-def _lost(torque: FloatArray, step: float) -> FloatArray:
-    """Return half a step in the direction of the torque; shape (n_samples, 1)."""
-    half = np.copysign(0.5 * _IN_FULL * step, torque)
-    known = np.flatnonzero(np.abs(torque) > 0.5 * step)
-    if known.size:
-        half = np.interp(np.arange(torque.size), known, half[known])
-    return np.asarray(half[:, np.newaxis])
+def half_steps(torque: FloatArray, step: float) -> FloatArray:
+    """Return half a step in the direction of each torque; at zero, from the sign before to that after.
+
+    Parameters
+    ----------
+    torque : ndarray, shape (n_samples, n_axes)
+    step : float
+        Of the values that were logged.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, n_axes)
+    """
+    half = np.copysign(0.5 * step, torque)
+    for column, values in zip(half.T, torque.T, strict=True):
+        known = np.flatnonzero(np.abs(values) > 0.5 * step)
+        if known.size:
+            column[:] = np.interp(np.arange(values.size), known, column[known])
+    return np.asarray(half)
 
 
 def torques_by_expo(chunks: Sequence[Segment], described: InputDescription) -> list[FloatArray]:

@@ -7,6 +7,7 @@ rate of the log: phase and gain are looked at in hertz, where rotors matter.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
@@ -16,6 +17,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import Segment
 from quadid_logs.data.model import TorquePath
 from quadid_logs.maths.band import ComplexArray, angular_frequency
+from quadid_logs.maths.normal import NORMAL_95
 
 #: Windows tell half a hertz apart; they overlap by half.
 _WINDOW_S: Final = 2.0
@@ -37,6 +39,9 @@ _LEAST_LAG_S: Final = 2e-3
 #: Judged, no source: a rotor is taken to lag by 10 ms at least. Its lag takes half of its square from the
 #: gain; half of that roll-off is between such a rotor and none [s^2].
 _LEAST_ROLL_OFF_S2: Final = 0.25 * 0.01**2
+#: The lags of rotors lie within so much, one as likely as another [s].
+_LAGS_S: Final = 0.03
+_TINY: Final = float(np.finfo(np.float64).tiny)
 #: Advances of the torque that are tried, before Newton's steps from the best [s].
 _ADVANCES_S: Final = np.linspace(-0.12, 0.12, 121)
 _NEWTON_STEPS: Final = 8
@@ -63,7 +68,9 @@ def torque_path(segments: Sequence[Segment], axis: int, period_s: float) -> Torq
     the band, each divided by its power of acceleration; the lag is where u' explains nothing more. Standard
     errors are those of the jackknife over windows. The null hypothesis is a torque that acts through
     something: a lag of `_LEAST_LAG_S` or more, or a roll-off of `_LEAST_ROLL_OFF_S2` or more. The
-    p-value is the larger one of the two, by Student's distribution.
+    p-value is the larger one of the two, by Student's distribution. The difference to the next sample comes
+    half a sample before the acceleration: a lag of just that is no rotor's where so near a lag, and so little
+    left of the motion (gusts, noise), would come together by chance.
     """
     lines = _Lines.of(segments, axis, period_s)
     if lines is None:
@@ -76,7 +83,12 @@ def torque_path(segments: Sequence[Segment], axis: int, period_s: float) -> Torq
         return None
     # Rates that are interpolated half-way between samples lose cos(omega T / 2) of their gain.
     allowed_s2 = _LEAST_ROLL_OFF_S2 + period_s**2 / 8.0
-    distance = (_LEAST_LAG_S + advance_s) / error[1], (allowed_s2 - theta[2]) / error[2]
+    freedom = len(lines.torque) - 1
+    no_lag = min(
+        _tail(float((_LEAST_LAG_S + advance_s) / error[1]), freedom),
+        _by_chance(float(abs(advance_s + 0.5 * period_s) + NORMAL_95 * error[1]), 1.0 - explained),
+    )
+    no_roll_off = _tail(float((allowed_s2 - theta[2]) / error[2]), freedom)
     # Where the steps do not settle, no lag describes the phase: it is no path, and not none either.
     settled = abs(theta[1]) < error[1]
     return TorquePath(
@@ -85,8 +97,17 @@ def torque_path(segments: Sequence[Segment], axis: int, period_s: float) -> Torq
         roll_off_s2=float(theta[2]),
         roll_off_error_s2=float(error[2]),
         explained=explained,
-        p_value=_tail(float(min(distance)), len(lines.torque) - 1) if settled else 1.0,
+        p_value=max(no_lag, no_roll_off) if settled else 1.0,
     )
+
+
+def _by_chance(distance_s: float, unexplained: float) -> float:
+    """Return the probability that a rotor's lag is so near to a given one, with so little left of the motion.
+
+    Of two independent p-values, by Fisher's method: their product k is below k (1 - ln k) of the cases.
+    """
+    both = min(2.0 * distance_s / _LAGS_S, 1.0) * min(max(unexplained, _TINY), 1.0)
+    return both * (1.0 - math.log(both))
 
 
 def _tail(deviation: float, freedom: int) -> float:

@@ -14,6 +14,8 @@ _COMES_AGAIN: Final = 3
 _ON_GRID: Final = 0.9
 #: Single precision, in fractions of the largest value.
 _SAME: Final = 1e-6
+#: Distances between two neighbouring levels that are tried, the smallest first.
+_MOST_STEPS: Final = 64
 #: How far a level may be off a multiple of the step, in steps.
 _OFF: Final = 0.05
 
@@ -43,7 +45,13 @@ def step_of(values: FloatArray) -> float:
     again = count >= _COMES_AGAIN
     if count[again].sum() < _ON_GRID * size.size or np.count_nonzero(again) < 2:
         return 0.0
-    levels = np.append(0.0, level[again & (level > 0.0)]) * _SAME * largest
-    step = float(np.diff(levels).min())
-    multiple = levels / step
-    return step if (np.abs(multiple - np.rint(multiple)) <= _OFF).all() else 0.0
+    # What stood still on the ground, or at a limit, may be on levels of its own: no more than a tenth of all.
+    levels = level[again & (level > 0.0)] * _SAME * largest
+    samples = count[again & (level > 0.0)]
+    steps = np.unique(np.diff(np.append(0.0, levels)))
+    for step in steps[steps * _OFF > _SAME * largest][:_MOST_STEPS].tolist():
+        multiple = levels / step
+        off = samples[np.abs(multiple - np.rint(multiple)) > _OFF].sum()
+        if size.size - count[~again].sum() - off >= _ON_GRID * size.size:
+            return step
+    return 0.0

@@ -69,14 +69,15 @@ def logged(values: np.ndarray, rate_hz: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 200.0, 400.0])
-@pytest.mark.parametrize("how", ["central", "backward"])
+@pytest.mark.parametrize("how", ["central", "backward", "forward"])
 def test_between_a_derivative_of_the_rates_and_their_acceleration_there_is_nothing(
     rate_hz: float, how: str
 ) -> None:
     """Where noise of the gyro was looked for near half the log's rate, a smoothed or rounded one passed."""
     _, rate = flown(0.02)
     rate = logged(rate, rate_hz)
-    torque = np.gradient(rate) if how == "central" else np.diff(rate, prepend=rate[0])
+    ends = {"backward": {"prepend": rate[0]}, "forward": {"append": rate[-1]}}
+    torque = np.gradient(rate) if how == "central" else np.diff(rate, **ends[how])
     found = path_of(torque, rate, rate_hz)
     assert found.p_value < 1e-3
     assert found.explained > 0.9
@@ -92,17 +93,23 @@ def test_a_derivative_of_smoothed_rates_is_told_as_well() -> None:
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 200.0, 400.0])
 @pytest.mark.parametrize(("lag_s", "delay_s"), [(0.02, 0.0), (0.01, 0.002), (0.05, 0.01)])
 def test_a_torque_behind_rotors_is_none_of_the_rates(rate_hz: float, lag_s: float, delay_s: float) -> None:
-    """Whatever the rate of the log."""
+    """Whatever the rate of the log, and where the lag happens to be half a sample."""
     torque, rate = (logged(each, rate_hz) for each in flown(lag_s, delay_s))
-    assert path_of(torque, rate, rate_hz).p_value > 0.5
+    assert path_of(torque, rate, rate_hz).p_value > 0.01
 
 
 def test_measured_rotor_speeds_lack_no_path() -> None:
     """No rotor is left, but the filter of the gyro: 4 ms, as on flown vehicles."""
     torque, rate = flown(0.0, 0.004)
     found = path_of(logged(torque, 200.0), logged(rate, 200.0), 200.0)
-    assert found.p_value > 0.5
+    assert found.p_value > 1e-3
     assert found.lag_s == pytest.approx(0.004, abs=1e-3)
+
+
+def test_rotor_speeds_behind_a_filter_of_half_a_sample_are_measured() -> None:
+    """Their lag alone would be that of a difference to the next sample."""
+    torque, rate = flown(0.0, 0.005)
+    assert path_of(logged(torque, 100.0), logged(rate, 100.0), 100.0).p_value > 1e-3
 
 
 @pytest.mark.parametrize("late_s", [0.01, 0.02, 0.03, 0.05])
