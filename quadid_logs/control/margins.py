@@ -258,9 +258,12 @@ def _curve(loop: ComplexArray, first: int) -> _Curve:
         return parts[0]
     begins, ends, nearest, ratio, crossings, falls = zip(*parts, strict=True)
     return _Curve(
-        *(np.concatenate(each) for each in (begins, ends, nearest, ratio)),
-        _Crossings(*(np.concatenate(each) for each in zip(*crossings, strict=True))),
-        _Falls(*(np.concatenate(each) for each in zip(*falls, strict=True))),
+        begins=np.concatenate(begins),
+        ends=np.concatenate(ends),
+        nearest=np.concatenate(nearest),
+        ratio=np.concatenate(ratio),
+        crossings=_Crossings(*(np.concatenate(each) for each in zip(*crossings, strict=True))),
+        falls=_Falls(*(np.concatenate(each) for each in zip(*falls, strict=True))),
     )
 
 
