@@ -8,10 +8,11 @@ computed a second time with a further delay there, and the interval covers both.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.closed_loop import Estimated, Margins
@@ -24,8 +25,8 @@ _CI = (0.025, 0.975)
 #: Where modes of frames are, and a third of the relative half width of the sharpest of them.
 _MODES_HZ: Final = (5.0, 75.0)
 _FINE_STEP: Final = 0.003
-#: Loops whose figures are computed at once: arrays of some hundred kilobytes.
-_AT_ONCE: Final = 100
+#: Points of loops that are looked at at once: arrays of half a megabyte, which stay in the processor's cache.
+_AT_ONCE: Final = 60_000
 
 
 def grid_hz(period_s: float) -> FloatArray:
@@ -101,11 +102,7 @@ def margins_of(
     -------
     Margins
     """
-    found = figures_of(frequency_hz, loop, integrators, unstable_poles)
-    worse = found
-    if known_hz < frequency_hz[-1]:
-        later = loop * unmodelled(frequency_hz, known_hz)
-        worse = figures_of(frequency_hz, later, integrators, unstable_poles)
+    found, worse = figures_and_worse(frequency_hz, loop, integrators, unstable_poles, known_hz)
     places_hz = np.array([found.crossover_hz[0], found.oscillation_hz[0]])
     extrapolated = bool((places_hz[np.isfinite(places_hz)] > known_hz).any())
     fraction = float(np.mean(found.stable))
@@ -195,38 +192,130 @@ def figures_of(
     Disk margin: P. Seiler, A. Packard, P. Gahinet, "An introduction to disk margins," IEEE Control Systems
     40(5), 2020.
     """
-    poles = np.broadcast_to(integrators, len(loop))
-    some = [slice(first, first + _AT_ONCE) for first in range(0, max(len(loop), 1), _AT_ONCE)]
-    parts = [_figures_of_some(frequency_hz, loop[one], poles[one], unstable_poles[one]) for one in some]
-    return LoopFigures(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+    return figures_and_worse(frequency_hz, loop, integrators, unstable_poles, np.inf)[0]
 
 
-def _figures_of_some(
-    frequency_hz: FloatArray, loop: ComplexArray, integrators: IntArray, unstable_poles: BoolArray
-) -> LoopFigures:
-    """Return the figures of so few loops that all arrays stay in the processor's cache."""
+def figures_and_worse(
+    frequency_hz: FloatArray,
+    loop: ComplexArray,
+    integrators: int | IntArray,
+    unstable_poles: BoolArray,
+    known_hz: float,
+) -> tuple[LoopFigures, LoopFigures]:
+    """Return the figures of open loops, and those with dynamics that nobody measured.
+
+    Parameters
+    ----------
+    frequency_hz, loop, integrators, unstable_poles
+        As of `figures_of`.
+    known_hz : float
+        As of `unmodelled`.
+
+    Returns
+    -------
+    found, worse : LoopFigures
+    """
+
+    def figures(curve: _Curve) -> LoopFigures:
+        return _figures(frequency_hz, curve, integrators, unstable_poles)
+
+    n_known = int(np.count_nonzero(frequency_hz <= known_hz))
+    if n_known == frequency_hz.size:
+        found = figures(_curve(loop, 0))
+        return found, found
+    later = unmodelled(frequency_hz[n_known:], known_hz)
+    if not n_known:
+        return figures(_curve(loop, 0)), figures(_curve(loop * later, 0))
+    # Where the vehicle is known both are the same curve, which is looked at once; the step from its last
+    # point is another's as well.
+    known, beyond = _curve(loop[:, :n_known], 0), loop[:, n_known - 1 :]
+    moved = beyond.copy()
+    moved[:, 1:] *= later
+    found, worse = (figures(_joined(known, _curve(each, n_known - 1))) for each in (beyond, moved))
+    return found, worse
+
+
+class _Curve(NamedTuple):
+    """What the figures of loops need of their Nyquist curves, or of a part of the frequencies.
+
+    Both ends, each (n_plants,); the least of |1 + L|^2, and of L's real part over that; where the curves
+    cross the negative real axis, and where their gain falls below one.
+    """
+
+    begins: ComplexArray
+    ends: ComplexArray
+    nearest: FloatArray
+    ratio: FloatArray
+    crossings: _Crossings
+    falls: _Falls
+
+
+def _curve(loop: ComplexArray, first: int) -> _Curve:
+    """Look at loops, or at their part from the frequency of that number on."""
+    at_once = max(_AT_ONCE // loop.shape[1], 1)
+    parts = [_some_curves(loop[row : row + at_once], row, first) for row in range(0, len(loop), at_once)]
+    if len(parts) == 1:
+        return parts[0]
+    begins, ends, nearest, ratio, crossings, falls = zip(*parts, strict=True)
+    return _Curve(
+        begins=np.concatenate(begins),
+        ends=np.concatenate(ends),
+        nearest=np.concatenate(nearest),
+        ratio=np.concatenate(ratio),
+        crossings=_Crossings(*(np.concatenate(each) for each in zip(*crossings, strict=True))),
+        falls=_Falls(*(np.concatenate(each) for each in zip(*falls, strict=True))),
+    )
+
+
+def _some_curves(loop: ComplexArray, row: int, first: int) -> _Curve:
+    """Look at so few loops, the first of that number, that all arrays stay in the processor's cache."""
     real, imag = np.ascontiguousarray(loop.real), np.ascontiguousarray(loop.imag)
     power = real**2
     power += imag**2
-    crossover_hz, phase_rad, delay_s = _phase_margin(frequency_hz, loop, power)
-    crossings = _on_negative_axis(real, imag)
-    gain, oscillation_hz, gain_down = _gain_margins(frequency_hz, crossings, len(loop))
+    crossings, falls = _on_negative_axis(real, imag, row, first), _falls(loop, power, row, first)
     # |1 + L|^2; of S = 1 / (1 + L), 4 |S - 1/2|^2 is |1 - L|^2 over that.
     distance = power
     distance += 2.0 * real
     distance += 1.0
     nearest = np.min(distance, axis=1)
-    ratio = np.divide(real, distance, out=real)
+    ratio = np.min(np.divide(real, distance, out=real), axis=1)
+    return _Curve(loop[:, 0], loop[:, -1], nearest, ratio, crossings, falls)
+
+
+def _joined(one: _Curve, other: _Curve) -> _Curve:
+    """Put two parts of curves together, the second from where the first ends."""
+    return _Curve(
+        one.begins,
+        other.ends,
+        np.minimum(one.nearest, other.nearest),
+        np.minimum(one.ratio, other.ratio),
+        _Crossings(*_by_row(one.crossings, other.crossings)),
+        _Falls(*_by_row(one.falls, other.falls)),
+    )
+
+
+def _by_row(one: _Crossings | _Falls, other: _Crossings | _Falls) -> Iterator[Any]:
+    """Yield each field of both, row after row, in a row those of the first part first."""
+    order = np.argsort(np.concatenate([one.row, other.row]), kind="stable")
+    return (np.concatenate(each)[order] for each in zip(one, other, strict=True))
+
+
+def _figures(
+    frequency_hz: FloatArray, curve: _Curve, integrators: int | IntArray, unstable_poles: BoolArray
+) -> LoopFigures:
+    n_plants = curve.begins.size
+    crossover_hz, phase_rad, delay_s = _phase_margin(frequency_hz, curve.falls, n_plants)
+    gain, oscillation_hz, gain_down = _gain_margins(frequency_hz, curve.crossings, n_plants)
     return LoopFigures(
-        stable=_stable(loop, crossings, integrators, unstable_poles),
+        stable=_stable(curve.begins, curve.ends, curve.crossings, integrators, unstable_poles),
         crossover_hz=crossover_hz,
         phase_margin_rad=phase_rad,
         delay_margin_s=delay_s,
         gain_margin=gain,
         oscillation_hz=oscillation_hz,
         gain_margin_down=gain_down,
-        disk_margin=2.0 / np.sqrt(1.0 - 4.0 * np.min(ratio, axis=1)),
-        peak_sensitivity=1.0 / np.sqrt(nearest),
+        disk_margin=2.0 / np.sqrt(1.0 - 4.0 * curve.ratio),
+        peak_sensitivity=1.0 / np.sqrt(curve.nearest),
     )
 
 
@@ -244,24 +333,54 @@ class _Crossings(NamedTuple):
     sense: IntArray
 
 
-def _on_negative_axis(real: FloatArray, imag: FloatArray) -> _Crossings:
-    """Return the crossings of straight lines between the points of loops, both (n_plants, n_frequencies)."""
-    above, below = imag > 0.0, imag < 0.0
-    on_one_side = (above[:, :-1] & above[:, 1:]) | (below[:, :-1] & below[:, 1:])
-    row, before = _where(~on_one_side)
-    some, other = imag[row, before], imag[row, before + 1]
-    change = some - other
-    place = np.divide(some, change, where=change != 0.0, out=np.zeros(change.shape))
-    first = real[row, before]
-    at = first + place * (real[row, before + 1] - first)
+def _on_negative_axis(real: FloatArray, imag: FloatArray, row: int, first: int) -> _Crossings:
+    """Return the crossings of straight lines between the points of loops, both (n_plants, n_frequencies).
+
+    ``row`` and ``first`` are the numbers of the first loop and of the first frequency.
+    """
+    side = (imag > 0.0).view(np.int8) - (imag < 0.0).view(np.int8)
+    rows, before = _steps(side, np.not_equal)
+    some, other = imag[rows, before], imag[rows, before + 1]
+    begins = real[rows, before]
+    place = some / (some - other)
+    at = begins + place * (real[rows, before + 1] - begins)
     sense = (some >= 0.0).astype(np.int64) - (other >= 0.0)
-    kept = (change != 0.0) & (at < 0.0)
-    return _Crossings(row[kept], before[kept], place[kept], at[kept], sense[kept])
+    kept = at < 0.0
+    return _Crossings(row + rows[kept], first + before[kept], place[kept], at[kept], sense[kept])
 
 
-def _where(mask: BoolArray) -> tuple[IntArray, IntArray]:
-    """Return rows and columns where a mask is set; `numpy.nonzero` of two dimensions takes far longer."""
-    return np.divmod(np.flatnonzero(mask), mask.shape[1])
+class _Falls(NamedTuple):
+    """Where the gains of loops fall below one, each (n_falls,).
+
+    Row and number of the frequency before, place between it and the next, phase over minus pi there [rad].
+    """
+
+    row: IntArray
+    before: IntArray
+    place: FloatArray
+    spare_rad: FloatArray
+
+
+def _falls(loop: ComplexArray, power: FloatArray, row: int, first: int) -> _Falls:
+    """Return where gains fall below one, with their squares; ``row``, ``first`` as of `_on_negative_axis`."""
+    rows, before = _steps(power > 1.0, np.greater)
+    level, after = np.log(power[rows, before]), np.log(power[rows, before + 1])
+    place = level / (level - after)
+    some = loop[rows, before]
+    spare = np.mod(np.pi + np.angle(some) + place * np.angle(loop[rows, before + 1] / some), 2.0 * np.pi)
+    spare = np.where(spare > 1.5 * np.pi, spare - 2.0 * np.pi, spare)
+    return _Falls(row + rows, first + before, place, spare)
+
+
+def _steps(values: NDArray[Any], steps: np.ufunc) -> tuple[IntArray, IntArray]:
+    """Return rows and columns before which a value stands so to the next of its row.
+
+    All rows are gone through as one, which is several times as fast.
+    """
+    flat, n_columns = values.ravel(), values.shape[1]
+    row, before = np.divmod(np.flatnonzero(steps(flat[:-1], flat[1:])), n_columns)
+    inside = before < n_columns - 1
+    return row[inside], before[inside]
 
 
 def _least(row: IntArray, values: FloatArray, n_rows: int) -> IntArray:
@@ -312,17 +431,22 @@ def is_stable(loop: ComplexArray, integrators: int, unstable_poles: BoolArray) -
     The argument principle: without an unstable pole of the closed loop, 1 + L turns by a quarter of a circle
     for each integrator and by a half for each unstable pole, from zero frequency to high ones, where it is 1.
     """
-    return _stable(loop, _on_negative_axis(loop.real, loop.imag), integrators, unstable_poles)
+    crossings = _on_negative_axis(loop.real, loop.imag, 0, 0)
+    return _stable(loop[:, 0], loop[:, -1], crossings, integrators, unstable_poles)
 
 
 def _stable(
-    loop: ComplexArray, crossings: _Crossings, integrators: int | IntArray, unstable_poles: BoolArray
+    first: ComplexArray,
+    last: ComplexArray,
+    crossings: _Crossings,
+    integrators: int | IntArray,
+    unstable_poles: BoolArray,
 ) -> BoolArray:
-    """Do what `is_stable` says, with the crossings of the negative real axis."""
+    """Do what `is_stable` says, with the loops' ends and their crossings of the negative real axis."""
     # 1 + L turns by what lies between its ends, and once more for each crossing of the axis beyond -1.
     beyond = crossings.real <= -1.0
-    turns = np.bincount(crossings.row[beyond], crossings.sense[beyond], len(loop)).astype(np.float64)
-    begins, ends = np.angle(1.0 + loop[:, 0]), np.angle(1.0 + loop[:, -1])
+    turns = np.bincount(crossings.row[beyond], crossings.sense[beyond], first.size).astype(np.float64)
+    begins, ends = np.angle(1.0 + first), np.angle(1.0 + last)
     # At the first frequency the vehicle's own pole has turned the curve by something between nothing and a
     # quarter.
     near = -0.5 * np.pi * (integrators + 0.5) - 0.5 * np.pi * unstable_poles
@@ -343,24 +467,18 @@ def phase_margin(frequency_hz: FloatArray, loop: ComplexArray) -> tuple[FloatArr
     crossover_hz, phase_margin_rad, delay_margin_s : ndarray, shape (n_plants,)
         The crossover with the least phase to spare, that phase, and the least delay that any crossover bears.
     """
-    return _phase_margin(frequency_hz, loop, loop.real**2 + loop.imag**2)
+    return _phase_margin(frequency_hz, _falls(loop, loop.real**2 + loop.imag**2, 0, 0), len(loop))
 
 
 def _phase_margin(
-    frequency_hz: FloatArray, loop: ComplexArray, power: FloatArray
+    frequency_hz: FloatArray, falls: _Falls, n_plants: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Do what `phase_margin` says, with the square of the gain."""
-    above = power > 1.0
-    row, before = _where(above[:, :-1] & ~above[:, 1:])
-    level, after = np.log(power[row, before]), np.log(power[row, before + 1])
-    place = level / (level - after)
-    at_hz = _between(frequency_hz, before, place)
-    some = loop[row, before]
-    spare = np.mod(np.pi + np.angle(some) + place * np.angle(loop[row, before + 1] / some), 2.0 * np.pi)
-    spare = np.where(spare > 1.5 * np.pi, spare - 2.0 * np.pi, spare)
+    """Do what `phase_margin` says, with the places where gains fall below one."""
+    row, spare = falls.row, falls.spare_rad
+    at_hz = _between(frequency_hz, falls.before, falls.place)
     delay_s = spare / (2.0 * np.pi * at_hz)
-    least = _least(row, spare, len(loop))
-    return _chosen(at_hz, least), _chosen(spare, least), _chosen(delay_s, _least(row, delay_s, len(loop)))
+    least = _least(row, spare, n_plants)
+    return _chosen(at_hz, least), _chosen(spare, least), _chosen(delay_s, _least(row, delay_s, n_plants))
 
 
 def _gain_margins(

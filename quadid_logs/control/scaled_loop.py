@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -13,11 +12,11 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.control.loop import integrators, on_angle, on_rate
 from quadid_logs.control.margins import (
     LoopFigures,
+    figures_and_worse,
     figures_of,
     fine_grid_hz,
     grid_hz,
     margins_of,
-    unmodelled,
 )
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins, Plant
 from quadid_logs.data.controller import AxisController
@@ -59,6 +58,26 @@ class ScaledLoops(NamedTuple):
         rate, whole = self.rate, self.whole(factor)
         full = None if whole is None else self._margins(whole, 1)
         return LoopMargins(rate=self._margins(rate if factor == 1.0 else factor * rate, 0), full=full)
+
+    def keep(self, limits: Limits, least: float, factor: float = 1.0) -> bool:
+        """Tell whether the worst vehicles keep so much of the limits, with P, I and D times a factor.
+
+        Parameters
+        ----------
+        limits : Limits
+        least : float
+            As of `spare`.
+        factor : float
+
+        Returns
+        -------
+        bool
+        """
+        whole = self.whole(factor)
+        if whole is not None and np.min(_spare(self._margins(whole, 1), limits)) < least:
+            return False
+        rate = self.rate if factor == 1.0 else factor * self.rate
+        return bool(np.min(_spare(self._margins(rate, 0), limits)) >= least)
 
     def whole(self, factor: float = 1.0) -> ComplexArray | None:
         """Return the loops with all that closes them, with P, I and D times a factor.
@@ -102,11 +121,10 @@ class ScaledLoops(NamedTuple):
             fixed = 0.0 if self.fixed is None else self.fixed[0]
             loops.append((column * (self.rate[0] + self.angle[0]) + fixed, n + 1))
         runs_away = np.repeat(self.plants.damping[:1] > 0.0, factors.size)
-        later = unmodelled(self.frequency_hz, self.known_hz)
         figures = [
-            figures_of(self.frequency_hz, each, n_poles, runs_away)
+            each
             for loop, n_poles in loops
-            for each in (loop, loop * later)
+            for each in figures_and_worse(self.frequency_hz, loop, n_poles, runs_away, self.known_hz)
         ]
         told = np.concatenate([spare_of(one, limits) for one in figures], axis=1)
         return np.asarray(np.maximum(np.min(told, axis=1), 0.0))
@@ -300,9 +318,10 @@ class Kept(NamedTuple):
     as_flown: float
     otherwise: float
 
-    def is_enough(self, flown: Kept) -> bool:
-        """Tell whether the limits are kept, or as much of them as with the flown gains."""
-        return all(mine >= min(1.0, before) for mine, before in zip(self, flown, strict=True))
+    @property
+    def enough(self) -> Kept:
+        """What other gains must keep: the limits, or as much of them as these do."""
+        return Kept(min(1.0, self.as_flown), min(1.0, self.otherwise))
 
 
 class HeldLoops(NamedTuple):
@@ -343,8 +362,10 @@ class HeldLoops(NamedTuple):
         -------
         bool
         """
-        margins = (one.margins(factor) for one in (self.loops, *self.otherwise))
-        return self._is_enough(margins, limits, enough)
+        several = (self.loops, *self.otherwise)
+        return all(
+            one.keep(limits, least, factor) for one, least in zip(several, self._least(enough), strict=True)
+        )
 
     def keep_with(
         self, controller: AxisController, limits: Limits, enough: Kept, promised: LoopMargins | None = None
@@ -363,16 +384,19 @@ class HeldLoops(NamedTuple):
         -------
         bool
         """
-        several = self.otherwise if promised is not None else (self.loops, *self.otherwise)
-        margins = (one.margins() for one in _each_of(several, controller))
-        return self._is_enough(margins if promised is None else chain((promised,), margins), limits, enough)
+        several, leasts = (self.loops, *self.otherwise), self._least(enough)
+        if promised is not None:
+            if spare(promised, limits) < leasts[0]:
+                return False
+            several, leasts = several[1:], leasts[1:]
+        # One after the other: other conditions count only where the vehicles as they fly keep enough.
+        loops = _each_of(several, controller)
+        return all(one.keep(limits, least) for one, least in zip(loops, leasts, strict=True))
 
-    def _is_enough(self, margins: Iterator[LoopMargins], limits: Limits, enough: Kept) -> bool:
-        """Look at other conditions only where the vehicles as they fly keep enough, until one does not."""
-        as_flown = spare(next(margins), limits)
-        if not Kept(as_flown, np.inf).is_enough(enough):
-            return False
-        return all(Kept(as_flown, spare(one, limits) / self.part).is_enough(enough) for one in margins)
+    def _least(self, enough: Kept) -> list[float]:
+        """Return how much of the limits is enough for each of the loops."""
+        as_flown, otherwise = enough.enough
+        return [as_flown, *(self.part * otherwise for _ in self.otherwise)]
 
     def first(self, n_plants: int) -> HeldLoops:
         """Return the loops around the first of the vehicles."""

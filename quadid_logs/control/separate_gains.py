@@ -221,6 +221,7 @@ class SeparateGains:
         #: Of these, (n_bodies, n_plants): the estimate and those that are the worst in what limits the gains.
         self._decisive = np.zeros(self._bodies.shape[:2], dtype=np.bool_)
         self._decisive[1, 0] = True
+        self._latest: tuple[BoolArray, tuple[ComplexArray, FloatArray, FloatArray]] | None = None
         self._highest = _BOUNDS[1]
         self._noise = _Noise(disturbed, loops)
         self._gusts = _gusts(disturbed, loops.plants.at(slice(0, 1)), loops.frequency_hz)
@@ -455,12 +456,10 @@ class SeparateGains:
         Shape (n_sets, n_vehicles, n_limits), for answers of a controller (n_sets, 3, n_frequencies) and
         vehicles that are marked in (n_bodies, n_plants).
         """
-        loops, body = self._few, self._bodies[which]
-        part = np.broadcast_to(self._part[:, np.newaxis], which.shape)[which]
+        loops, (body, part, damping) = self._few, self._marked(which)
         back, by_angle, _ = np.moveaxis(answers, 1, 0)[:, :, np.newaxis]
         n = integrators(loops.controller)
         both = [(back, n)] if loops.angle is None else [(back, n), (back + by_angle, n + 1)]
-        damping = np.broadcast_to(loops.plants.damping, which.shape)[which]
         told = []
         for one, n_poles in both:
             each = (body * one).reshape(-1, loops.frequency_hz.size)
@@ -468,6 +467,17 @@ class SeparateGains:
             figures = figures_of(loops.frequency_hz, each, n_poles, runs_away)
             told.append(spare_of(figures, self._limits).reshape(len(answers), len(body), -1))
         return np.asarray(np.concatenate(told, axis=2) / part[:, np.newaxis])
+
+    def _marked(self, which: BoolArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
+        """Return the answers of marked vehicles, of which part of the limits, and their damping.
+
+        A search asks for the same ones hundreds of times.
+        """
+        if self._latest is None or not np.array_equal(self._latest[0], which):
+            part = np.broadcast_to(self._part[:, np.newaxis], which.shape)[which]
+            damping = np.broadcast_to(self._few.plants.damping, which.shape)[which]
+            self._latest = which.copy(), (self._bodies[which], part, damping)
+        return self._latest[1]
 
     def _bear(self, factors: Mapping[str, float], part: float) -> bool:
         """Tell whether some vehicles keep a part of all limits, with the gains of a file."""

@@ -227,12 +227,14 @@ def _steps(loops: _Loops, numbers: list[int], gains: list[_Gains]) -> tuple[Floa
     p, d, angle = np.transpose([(one.p, one.d, one.angle) for one in gains])[:, :, np.newaxis]
     of_angle = np.array([one.stage > _P_UP for one in gains])
     rate = p * loops.proportional[numbers] + d * loops.derivative[numbers]
-    closed = rate / (1.0 + rate)
     stable = is_stable(rate, 0, loops.runs_away[numbers] > 0.0)
-    s = np.asarray(2j * np.pi * loops.frequency_hz, dtype=np.complex128)
-    outer = angle / s * delay_response(s, loops.period_s) * closed / loops.gyro
-    stable &= np.where(of_angle, is_stable(outer, 1, np.zeros(len(numbers), dtype=bool)), True)
-    answer = np.where(of_angle[:, np.newaxis], outer / (1.0 + outer), closed * loops.seen)
+    answer = rate / (1.0 + rate)
+    answer[~of_angle] *= loops.seen
+    if of_angle.any():
+        s = np.asarray(2j * np.pi * loops.frequency_hz, dtype=np.complex128)
+        outer = angle[of_angle] / s * delay_response(s, loops.period_s) * answer[of_angle] / loops.gyro
+        stable[of_angle] &= is_stable(outer, 1, np.zeros(len(outer), dtype=bool))
+        answer[of_angle] = outer / (1.0 + outer)
     n = 2 * (loops.frequency_hz.size - 1)
     return np.cumsum(np.fft.irfft(answer, n, axis=1), axis=1, dtype=np.float64), stable
 

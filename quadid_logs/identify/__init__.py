@@ -22,7 +22,7 @@ from quadid_logs.data.model import (
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify.design import Design, build_design
-from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2
+from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2, ActuatedFit, checked
 from quadid_logs.identify.excitation import (
     ColumnNoise,
     excited_axes,
@@ -32,7 +32,7 @@ from quadid_logs.identify.excitation import (
     turns,
 )
 from quadid_logs.identify.first_stage import told_axes, with_strong_instruments
-from quadid_logs.identify.model import actuated_model
+from quadid_logs.identify.model import actuated_model, explained_accelerations
 from quadid_logs.identify.published import fit_as_published
 from quadid_logs.identify.response import SAMPLES_PER_CYCLE, Band, fitted_band, responses
 from quadid_logs.identify.rigid_body import fit_single_rigid_body
@@ -133,9 +133,9 @@ def identify(
         tilting = {axis: found[axis] for axis in asked if axis < 2 and found}
         for other, raised in _bands_of_the_response(tilting, band, data.sample_period_s, design):
             again = _fit_in(other, data, design, structures, settings, raised=raised)
-            if again is not None and _is_better(again.model, fits.model, asked, raised=raised):
+            if again is not None and _is_better(again.explained(), fits.explained(), asked, raised=raised):
                 fits = again
-    models = [fits.model, *fits.others()]
+    models = fits.models()
     wanted = recommended or settings.structure
     identified = _identified(data, _recommend(models, wanted), design)
     spectral = told_by_commands.fits
@@ -336,38 +336,34 @@ def _fit_in(
     return _fit_first(data, other, structures, settings, yaw=own)
 
 
-def _is_better(again: Model, model: Model, asked: Sequence[int], *, raised: bool) -> bool:
+def _is_better(
+    again: Mapping[str, float], before: Mapping[str, float], asked: Sequence[int], *, raised: bool
+) -> bool:
     """Say whether a fit in the band of the response takes the place of that in the default one.
+
+    Both are told by how much of each acceleration they explain.
 
     Above a raised lower edge an axis must be explained: what is below is known to be another's, however well
     it was fitted. Without what is above an upper edge, or of which nothing is known, more must be explained:
     captured motion, for one, is often smoothed, and its empty upper frequencies harm nothing.
     """
-    before, after = (
-        np.array(
-            [
-                each.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], 0.0)
-                for axis in asked
-                if axis < 2
-            ]
-        )
-        for each in (model, again)
-    )
+    targets = [ACCELERATION_SYMBOLS[axis] for axis in asked if axis < 2]
+    explained, after = (np.array([each.get(target, 0.0) for target in targets]) for each in (before, again))
     if raised:
         return bool(after.max() >= INFORMATIVE_R2)
-    less = (1.0 - after) / np.maximum(1.0 - before, 1e-12)
+    less = (1.0 - after) / np.maximum(1.0 - explained, 1e-12)
     return bool(np.prod(less) < (1.0 - _WORSE) ** less.size)
 
 
 class _Fits(NamedTuple):
-    """The first structure fitted in a band: its model, the axes that it tells, and how to fit the others.
+    """The first structure fitted in a band: the axes that it tells, how much it explains, all models.
 
-    The others are only wanted of the band that is kept.
+    Models, with what checks them, are only wanted of the band that is kept.
     """
 
-    model: Model
     informative: list[int]
-    others: Callable[[], list[Model]]
+    explained: Callable[[], Mapping[str, float]]
+    models: Callable[[], list[Model]]
 
 
 def _fit_first(
@@ -384,42 +380,47 @@ def _fit_first(
     """
     noise = ColumnNoise(noise_density(data), design.columns, _NOISE_BANDWIDTH * design.smoothing_hz)
     known = fit_with_reaction(data, design, structures[0].known(design.torque.symbols), settings, known=yaw)
-    model = known.on(actuated_model(data, known.fit, settings, noise))
-    if yaw is not None:
-        of_yaw = actuated_model(data, yaw.fit, settings, noise)
-        model = replace(with_axis_of(model, of_yaw, 2, data), yaw_band=of_yaw.band)
 
-    def others() -> list[Model]:
-        found = (
-            _fit_beside(each.known(design.torque.symbols), known, yaw, data, design, settings, noise)
-            for each in structures[1:]
+    def models() -> list[Model]:
+        first = checked(known.fit)
+        model = known.on(actuated_model(data, first, settings, noise))
+        if yaw is not None:
+            of_yaw = actuated_model(data, checked(yaw.fit), settings, noise)
+            model = replace(with_axis_of(model, of_yaw, 2, data), yaw_band=of_yaw.band)
+        others = (
+            _fit_beside(each, known, first, yaw, data, design, settings, noise) for each in structures[1:]
         )
-        return [one for one in found if one is not None]
+        return [model, *(one for one in others if one is not None)]
 
-    return _Fits(model, known.fit.informative, others)
+    return _Fits(known.fit.informative, lambda: explained_accelerations(known.fit), models)
 
 
 def _fit_beside(
     structure: Structure,
-    first: YawFit,
+    known: YawFit,
+    first: ActuatedFit,
     yaw: YawFit | None,
     data: FlightData,
     design: Design,
     settings: IdentifySettings,
     noise: ColumnNoise,
 ) -> Model | None:
-    """Fit another structure than the first; None where the flight lacks its terms."""
-    if YAW_REACTION in first.fit.structure.terms:
+    """Fit another structure than the first; None where the flight lacks its terms.
+
+    ``first`` is what is ``known``, with its checks.
+    """
+    structure = structure.known(design.torque.symbols)
+    if YAW_REACTION in first.structure.terms:
         structure = structure.with_reaction()
     if not {*structure.regressors}.difference(structure.inputs) <= design.columns.keys():
         return None
     if structure.estimator == "as published":
         return fit_as_published(structure, data, design, settings, noise)
     if structure.estimator == "single rigid body":
-        rigid = fit_single_rigid_body(structure, data, first.fit)
-        return None if rigid is None else first.on(actuated_model(data, rigid, settings, noise))
-    known = fit_with_reaction(data, design, structure, settings, known=yaw)
-    return known.on(actuated_model(data, known.fit, settings, noise))
+        rigid = fit_single_rigid_body(structure, data, first)
+        return None if rigid is None else known.on(actuated_model(data, rigid, settings, noise))
+    found = fit_with_reaction(data, design, structure, settings, known=yaw)
+    return found.on(actuated_model(data, checked(found.fit), settings, noise))
 
 
 def _recommend(models: list[Model], structure: str) -> tuple[Model, ...]:

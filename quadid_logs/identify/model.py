@@ -21,7 +21,7 @@ from quadid_logs.data.model import (
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.checks import with_change
 from quadid_logs.identify.design import Design
-from quadid_logs.identify.equation_by_equation import ActuatedFit
+from quadid_logs.identify.equation_by_equation import ActuatedFit, Unchecked
 from quadid_logs.identify.excitation import ColumnNoise, excited_axes
 from quadid_logs.identify.fit import PooledFit
 from quadid_logs.identify.inertia import inertia_of
@@ -89,6 +89,30 @@ def actuated_model(
         structural=found.structural,
         bootstrap_half_width=found.bootstrap_half_width,
     )
+
+
+def explained_accelerations(found: Unchecked) -> Mapping[str, float]:
+    """Return how much of each held-out acceleration a fit explains, as `actuated_model` will tell it.
+
+    Parameters
+    ----------
+    found : Unchecked
+
+    Returns
+    -------
+    mapping of str to float
+        By target; empty where nothing was held out.
+    """
+    actuator = found.model.actuator
+    validation, _ = validate(
+        found.whole,
+        found.structure,
+        found.fit.as_measured,
+        found.whole.torque.behind(actuator.lag_s, actuator.delay_s, found.structure.inputs),
+        disturbance=found.fit.disturbance,
+        high_pass_hz=found.model.design.high_pass_hz,
+    )
+    return validation.r2_acceleration
 
 
 def build_model(

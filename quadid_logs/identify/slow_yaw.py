@@ -17,6 +17,7 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Model, Parameter, Response
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design, build_design
+from quadid_logs.identify.equation_by_equation import checked
 from quadid_logs.identify.excitation import ColumnNoise, noise_density
 from quadid_logs.identify.first_stage import with_strong_instruments
 from quadid_logs.identify.model import actuated_model
@@ -95,7 +96,7 @@ def fit_slow_yaw(
         return None
     found = fit_with_reaction(data, design, structure.known(design.torque.symbols), settings, voting=(_YAW,))
     noise = ColumnNoise(noise_density(data), design.columns, cutoff_hz)
-    model = actuated_model(data, found.fit, settings, noise)
+    model = actuated_model(data, checked(found.fit), settings, noise)
     parameters = tuple(_judged(each) for each in model.parameters)
     model = replace(found.on(model), recommended=True, parameters=parameters, inertia=None)
     follows = _follows_motion(responses(data, by_setpoints=())[_YAW:], cutoff_hz)

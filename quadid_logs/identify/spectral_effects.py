@@ -175,6 +175,20 @@ def _likeliest(found: Sequence[_Posterior], likely: FloatArray) -> EffectColumn 
     return best
 
 
+class _Moments(NamedTuple):
+    """Normal equations of an axis, and where its unknowns are among those of all."""
+
+    where: IntArray
+    normal: FloatArray
+    right: FloatArray
+
+
+def _add(normal: FloatArray, right: FloatArray, of_axis: _Moments, sign: float) -> None:
+    """Add the equations of an axis to those of all, or take them away."""
+    normal[np.ix_(of_axis.where, of_axis.where)] += sign * of_axis.normal
+    right[of_axis.where] += sign * of_axis.right
+
+
 class _Equations:
     """The moments of all axes around an estimate, to first order, with the columns of effects beside them.
 
@@ -194,6 +208,7 @@ class _Equations:
         ]
         self.n_known = _AXES + sum(theta.size for theta in self.theta)
         self.known = [self._known(place) for place in range(len(self.axes))]
+        self._by_shown: dict[int, _Moments] = {}
         self.base = self._normal(shown)
 
     def _known(self, place: int) -> FloatArray:
@@ -285,7 +300,7 @@ class _Equations:
         normal, right = np.zeros((n, n)), np.zeros(n)
         normal[:_AXES, :_AXES], right[:_AXES] = np.eye(_AXES), -self.actuator.coordinates
         for place in range(len(self.axes)):
-            self._add(normal, right, place, columns, 1.0)
+            _add(normal, right, self._moments(place, columns), 1.0)
         taken = [*self.taken, *[0.0] * (len(columns) - len(self.taken))]
         for number, column in enumerate(columns):
             information = 1.0 / (column.spread**2 * self._scale(column))
@@ -300,20 +315,20 @@ class _Equations:
         normal[:n, :n], right[:n] = self.base
         for place, axis in enumerate(self.axes):
             if axis.number in column.axes:
-                self._add(normal, right, place, self.shown, -1.0)
-                self._add(normal, right, place, columns, 1.0)
+                # What is shown is taken away for every effect that is tried.
+                if place not in self._by_shown:
+                    self._by_shown[place] = self._moments(place, self.shown)
+                _add(normal, right, self._by_shown[place], -1.0)
+                _add(normal, right, self._moments(place, columns), 1.0)
         return normal, right
 
-    def _add(
-        self, normal: FloatArray, right: FloatArray, place: int, columns: Sequence[EffectColumn], sign: float
-    ) -> None:
-        """Add the equations of an axis with effects, or take them away."""
+    def _moments(self, place: int, columns: Sequence[EffectColumn]) -> _Moments:
+        """Return the normal equations of an axis with those of these effects that are about it."""
         axis = self.axes[place].number
         own = [number for number, column in enumerate(columns) if axis in column.axes]
         where = np.concatenate([self.own(place), [self.n_known + number for number in own]]).astype(int)
         rows, left = self._rows(place, [columns[number] for number in own])
-        normal[np.ix_(where, where)] += sign * rows.T @ rows
-        right[where] += sign * rows.T @ left
+        return _Moments(where, rows.T @ rows, rows.T @ left)
 
     def _rows(self, place: int, columns: Sequence[EffectColumn]) -> tuple[FloatArray, FloatArray]:
         """Return the equations of an axis with effects, and what is left of them.
@@ -360,9 +375,12 @@ class _Equations:
         def moments(lines: ComplexArray) -> ComplexArray:
             return axis.summed((weight * lines).sum(axis=0))
 
+        # An actuator answers alike in all blocks.
+        torque, by_slope = ((weight * each).sum(axis=0) for each in (axis.torque, axis.by_slope))
+
         def of_torque(actuator: SharedActuator) -> ComplexArray:
             response, slope = axis.response(actuator)
-            return moments(response * axis.torque + slope * axis.by_slope)
+            return axis.summed(response * torque + slope * by_slope)
 
         size = theta[0] * np.abs(of_torque(self.actuator))
         variance = 0.5 * moment_noise(axis, instrument, self.error[place]) + axis.variance * size**2

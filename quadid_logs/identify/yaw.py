@@ -22,10 +22,7 @@ from quadid_logs.identify.actuator import ActuatorFit
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.equation_by_equation import (
     INFORMATIVE_R2,
-    ActuatedFit,
     Unchecked,
-    checked,
-    fit_equation_by_equation,
     fit_unchecked,
 )
 from quadid_logs.identify.fit import PooledFit, fit_pooled
@@ -52,7 +49,7 @@ class YawFit(NamedTuple):
     yaw torque follows the yaw motion.
     """
 
-    fit: ActuatedFit
+    fit: Unchecked
     reaction: YawReaction | None = None
     is_inverse_controller: bool = False
 
@@ -92,7 +89,7 @@ def fit_with_reaction(
     Parameters
     ----------
     data, whole, structure, settings, voting
-        As of `quadid_logs.identify.equation_by_equation.fit_equation_by_equation`.
+        As of `quadid_logs.identify.equation_by_equation.fit_unchecked`.
     known : YawFit, optional
         Of another band, which says whether there is a reaction.
 
@@ -102,23 +99,22 @@ def fit_with_reaction(
     """
     if known is not None:
         structure = known.fit.structure
-        again = fit_equation_by_equation(data, whole, structure, settings, voting=voting)
-        return known._replace(fit=again)
+        return known._replace(fit=fit_unchecked(data, whole, structure, settings, voting=voting))
     without = fit_unchecked(data, whole, structure, settings, voting=voting)
     at_once = without.model.actuator._replace(lag_s=0.0, delay_s=0.0)
     if _is_inverse_controller(_beside(without, at_once), without):
-        return YawFit(checked(without), is_inverse_controller=True)
+        return YawFit(without, is_inverse_controller=True)
     seen = _beside(without, without.model.actuator)
     if not seen.reacts and without.fit.r2[_YAW] > _EXPLAINED_R2:
-        return YawFit(checked(without))
+        return YawFit(without)
     # Beside a lead of its own, yaw tells little of the lag that all rotors have.
     tilting = [axis for axis in without.informative if axis != _YAW and axis in voting]
     found = fit_unchecked(data, whole, structure.with_reaction(), settings, voting=tilting or (_YAW,))
     seen = _lead(found.structure, found.fit)
     if not seen.reacts or seen.r2 <= without.fit.r2[_YAW]:
-        return YawFit(checked(without))
+        return YawFit(without)
     ci95_s = (seen.lead_s - seen.half_width_s, seen.lead_s + seen.half_width_s)
-    return YawFit(checked(found), YawReaction(lead_s=seen.lead_s, ci95_s=ci95_s))
+    return YawFit(found, YawReaction(lead_s=seen.lead_s, ci95_s=ci95_s))
 
 
 def _beside(without: Unchecked, actuator: ActuatorFit) -> _Seen:

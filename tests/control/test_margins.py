@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from quadid_logs.control.margins import figures_of, grid_hz, is_stable, margins_of
+from quadid_logs.control.margins import figures_and_worse, figures_of, grid_hz, is_stable, margins_of
 
 F = grid_hz(0.0025)
 S = 2j * np.pi * F
@@ -146,3 +146,39 @@ def test_a_resonance_beyond_the_unstable_point_is_counted_in_both_senses() -> No
         true.append(abs(np.angle(1.0 + loop[0]) + steps.sum()) < np.pi)
     assert told == true
     assert 0 < sum(told) < len(told)
+
+
+def test_many_loops_have_the_figures_that_each_has_alone() -> None:
+    """They are looked at some hundred at once, one after the other in memory."""
+    gains = np.linspace(4.0, 34.0, 151)
+    loops = gains[:, np.newaxis] * np.exp(-S * 0.02) / S
+    loops[::7] *= (1.0 + 3.0 * S) / (1.0 + S) * np.exp(-S * 0.0425)
+    assert loops[7, -1].imag > 0.0 > loops[8, 0].imag
+    together = figures_of(F, loops, 1, np.zeros(len(loops), dtype=bool))
+    alone = [figures_of(F, one[np.newaxis], 1, NO) for one in loops]
+    for name, figures in together._asdict().items():
+        assert np.array_equal(figures, [getattr(one, name)[0] for one in alone], equal_nan=True), name
+
+
+@pytest.mark.parametrize("crossover_hz", [3.0, 5.0, 8.0])
+def test_worse_figures_are_those_of_the_loop_with_the_further_delay(crossover_hz: float) -> None:
+    """Whether the loop crosses one before, in the step after, or beyond the last frequency that is known."""
+    known_hz = float(F[np.searchsorted(F, 5.0) - 1])
+    loop = (2 * np.pi * crossover_hz * np.exp(-S * 0.02) / S)[np.newaxis]
+    later = loop * np.exp(-S * 0.005 * np.maximum(1.0 - known_hz / F, 0.0))
+    found, worse = figures_and_worse(F, loop, 1, NO, known_hz)
+    for told, curve in ((found, loop), (worse, later)):
+        whole = figures_of(F, curve, 1, NO)
+        assert told.phase_margin_rad[0] == pytest.approx(whole.phase_margin_rad[0], abs=1e-9)
+        assert told.gain_margin[0] == pytest.approx(whole.gain_margin[0], rel=1e-9)
+        assert told.disk_margin[0] == pytest.approx(whole.disk_margin[0], rel=1e-9)
+    assert worse.gain_margin[0] < found.gain_margin[0]
+
+
+def test_a_loop_that_crosses_the_axis_there_and_back_is_stable() -> None:
+    """100 (1 + s)^2 / s / (1 + 10 s)^2 lags by 200 degrees at 0.05 Hz and by 90 later, its gain being 30."""
+    loop = (100.0 * (1.0 + S) ** 2 / S / (1.0 + 10.0 * S) ** 2)[np.newaxis]
+    assert np.unwrap(np.angle(loop[0])).min() < -np.pi
+    assert is_stable(loop, 1, NO)[0]
+    # There it lags by 180 degrees at 0.1298 and 0.7702 rad/s, the roots of 10 w^2 - 9 w + 1.
+    assert figures_of(F, loop, 1, NO).gain_margin_down[0] == pytest.approx(3.430, rel=2e-3)

@@ -186,9 +186,8 @@ def test_a_range_without_the_vehicle_that_flew_is_refused(mass: tuple[float, flo
 
 def test_a_vehicle_that_kept_less_is_asked_for_no_more() -> None:
     """What flew below the limits may stay there, and no change takes it further down."""
-    assert Kept(1.2, 0.7).is_enough(Kept(1.5, 0.7))
-    assert not Kept(1.2, 0.6).is_enough(Kept(1.5, 0.7))
-    assert not Kept(1.2, 0.9).is_enough(Kept(1.5, 1.4))
+    assert Kept(1.5, 0.7).enough == Kept(1.0, 0.7)
+    assert Kept(0.9, 1.4).enough == Kept(0.9, 1.0)
 
 
 def test_the_part_that_is_asked_for_is_what_flew() -> None:
