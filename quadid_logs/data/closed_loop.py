@@ -107,12 +107,9 @@ class Plant(NamedTuple):
         s = 2j * np.pi * frequency_hz
         B, A, lag_s, delay_s, lead_s = (values[:, np.newaxis] for values in self._numbers())
         held = np.sinc(frequency_hz * hold_s)
-        # Cosine and sine of real numbers take half of what an exponential of complex ones takes.
-        angle = -2.0 * np.pi * (delay_s + 0.5 * hold_s) * frequency_hz
-        response = np.empty(angle.shape, dtype=np.complex128)
-        np.cos(angle, out=response.real)
-        np.sin(angle, out=response.imag)
-        response *= B * (1.0 + s * lead_s) / ((s - A) * (1.0 + s * lag_s))
+        response = (
+            B * (1.0 + s * lead_s) / (s - A) / (1.0 + s * lag_s) * np.exp(-s * (delay_s + 0.5 * hold_s))
+        )
         if self.modes is not None:
             response = response * self.modes.response(frequency_hz)
         return np.asarray(held * response, dtype=np.complex128)
