@@ -229,7 +229,9 @@ def _filter_wishes(result: Result, parameters: Mapping[str, float]) -> FilterWis
     # A line that may stand elsewhere in truth is no place for a notch.
     lines = {} if noise is None or noise.may_be_folded else noise.lines
     # Nor is one that a loop may make.
-    vibration = tuple(line for axis, some in lines.items() for line in some if not _may_be_loop(result, axis, line))
+    vibration = tuple(
+        line for axis, some in lines.items() for line in some if not _may_be_loop(result, axis, line)
+    )
     still = (
         one.frequency_hz
         for one in chain.from_iterable(lines.values())
@@ -243,7 +245,8 @@ def _may_be_loop(result: Result, axis: str, line: Line) -> bool:
     """Tell whether a line is one of the oscillations of its axis, which a loop may make."""
     seen = None if result.health is None else result.health.oscillation
     return seen is not None and any(
-        one.axis == axis and abs(one.line.frequency_hz - line.frequency_hz) <= _SAME_LINE_HZ for one in seen.axes
+        one.axis == axis and abs(one.line.frequency_hz - line.frequency_hz) <= _SAME_LINE_HZ
+        for one in seen.axes
     )
 
 

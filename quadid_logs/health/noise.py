@@ -38,6 +38,8 @@ _HARMONICS: Final = (1, 2, 3, 4)
 #: A line is followed within this fraction of its frequency, and lies on a rotor's speed within that one: as
 #: much as speed changes in some seconds of hover.
 _NEAR, _SAME_SPEED = 0.25, 0.02
+#: What goes with the rotors.
+_TURNING: Final = (LineSource.ROTOR, LineSource.FOLLOWS_THROTTLE)
 #: Cells of the pictures.
 _MOST_X, _MOST_Y, _MOST_LEVELS = 140, 120, 20
 #: Windows at one level of throttle, below which their mean says little.
@@ -108,6 +110,7 @@ def find_noise(
         )
         for column, axis in enumerate(AXES)
     }
+    lines = _alike(lines, float(main.frequency_hz[1]))
     folded = may_be_folded(series)
     in_lines = _part_in_lines(lines, main)
     return Noise(
@@ -233,6 +236,20 @@ def _named(
     )
 
 
+def _alike(lines: Mapping[str, tuple[Line, ...]], step_hz: float) -> dict[str, tuple[Line, ...]]:
+    """Return the lines with one name for what stands at one frequency about several axes: it is one vibration."""
+    known = [one for found in lines.values() for one in found if one.source in _TURNING]
+
+    def named(line: Line) -> Line:
+        near = [one for one in known if abs(one.frequency_hz - line.frequency_hz) <= step_hz]
+        if line.source is not LineSource.UNKNOWN or not near:
+            return line
+        best = min(near, key=lambda one: abs(one.frequency_hz - line.frequency_hz))
+        return replace(line, source=best.source, harmonic=best.harmonic)
+
+    return {axis: tuple(named(line) for line in found) for axis, found in lines.items()}
+
+
 def _notch_on(line: Line, known: GyroFilter) -> float:
     """Return the centre of the notch that stands on a line, NaN without one."""
     return next(
@@ -245,9 +262,7 @@ def _notch_on(line: Line, known: GyroFilter) -> float:
     )
 
 
-def _sourced(
-    line: Line, all_hz: Sequence[float], flown: _Flown, oscillations_hz: Sequence[float]
-) -> Line:
+def _sourced(line: Line, all_hz: Sequence[float], flown: _Flown, oscillations_hz: Sequence[float]) -> Line:
     """Say what a line comes from: an oscillation of the loop, a rotor, what follows the throttle."""
     spectra = flown.spectra
     for oscillation_hz in oscillations_hz:
