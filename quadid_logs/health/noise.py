@@ -286,8 +286,7 @@ def _sourced(line: Line, all_hz: Sequence[float], flown: _Flown, oscillations_hz
 
 
 def _followed(line_hz: float, all_hz: Sequence[float], frequency_hz: FloatArray) -> IntArray:
-    """Return the places where a line is followed: no further than halfway to the next line, which is stronger
-    there."""
+    """Return the places where a line is followed: no further than halfway to the next one, stronger there."""
     low = max([(1.0 - _NEAR) * line_hz, *(0.5 * (one + line_hz) for one in all_hz if one < line_hz)])
     high = min([(1.0 + _NEAR) * line_hz, *(0.5 * (one + line_hz) for one in all_hz if one > line_hz)])
     return np.flatnonzero((frequency_hz > low) & (frequency_hz < high))
