@@ -161,7 +161,7 @@ def judged(flight: dict[str, Any]) -> Iterator[dict[str, Any]]:
 def told_of_lines(flights: list[dict[str, Any]]) -> Iterator[str]:
     """Yield the lines of the table of lines."""
     each = [list(judged(one)) for one in flights]
-    yield "| lines of | flights with one | lines | within 0.5 Hz | named rightly | not named | named wrongly |"
+    yield "| lines of | flights with one | lines | within 0.5 Hz | named rightly | not named | wrongly |"
     yield "|---|---|---|---|---|---|---|"
     for of in _RIGHT:
         some = [line for lines in each for line in lines if line["of"] == of]

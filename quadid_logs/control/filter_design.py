@@ -140,9 +140,9 @@ def design_filters(
     Returns
     -------
     tuple of Changes
-        The chosen one, which is the quietest of those that no flight would tell apart, then the one that leaves
-        least of gusts: the next flight may bear that where the quietest would be worse. Empty where none is
-        clearly better than the flown one.
+        The chosen one, which is the quietest of those that no flight would tell apart, then the one that
+        leaves least of gusts: the next flight may bear that where the quietest would be worse. Empty where
+        none is clearly better than the flown one.
     """
     return _Design(axes, choices, parameters, still_hz).found(shared=shared)
 

@@ -17,8 +17,8 @@ _WORTH: Final = 0.05
 class Refiltered(NamedTuple):
     """The next flight of an axis with filters and gains, and what of gusts these leave in the end.
 
-    ``in_the_end`` is the gust error at the target of gains and filters, over that at the target of gains alone,
-    each raised by what is missing there of the limits.
+    ``in_the_end`` is the gust error at the target of gains and filters, over that at the target of gains
+    alone, each raised by what is missing there of the limits.
     """
 
     tuning: AxisTuning
@@ -28,8 +28,9 @@ class Refiltered(NamedTuple):
 def is_no_worse(filtered: AxisTuning, alone: AxisTuning, in_the_end: float = 1.0) -> bool:
     """Tell whether an axis has no more gust error than with gains alone; what nobody can tell counts as more.
 
-    Filters that are changed take some of what a controller may change in one flight, and gains get the rest. So
-    the next flight may lose as much, by factors, as the flights in the end gain, and is no worse than what flew.
+    Filters that are changed take some of what a controller may change in one flight, and gains get the rest.
+    So the next flight may lose as much, by factors, as the flights gain in the end, and is no worse than what
+    flew.
 
     Parameters
     ----------
@@ -87,5 +88,5 @@ def with_flown_filters(axis: str, alone: AxisTuning) -> AxisTuning:
 
 
 def _gust_error(alone: AxisTuning) -> float:
-    """Return that of the next flight over the flown one; an axis that gains alone cannot help stays as it flew."""
+    """Return that of the next flight over the flown one; an axis that is refused stays as it flew."""
     return 1.0 if alone.verdict == "refused" else alone.attitude_error

@@ -217,7 +217,7 @@ def _rotor_hz(series: CleanSeries | None, spectra: Periodograms) -> FloatArray |
 
 
 class _Flown(NamedTuple):
-    """What lines are named by: windows of one axis, and in each the throttle and every rotor's speed [1/s]."""
+    """Windows of one axis, and in each of them the throttle and every rotor's speed [1/s]."""
 
     spectra: Periodograms
     column: int
@@ -237,7 +237,7 @@ def _named(
 
 
 def _alike(lines: Mapping[str, tuple[Line, ...]], step_hz: float) -> dict[str, tuple[Line, ...]]:
-    """Return the lines with one name for what stands at one frequency about several axes: it is one vibration."""
+    """Return the lines with one name for what stands at one frequency about several axes."""
     known = [one for found in lines.values() for one in found if one.source in _TURNING]
 
     def named(line: Line) -> Line:

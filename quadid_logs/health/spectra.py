@@ -170,8 +170,8 @@ def _centre(mean: FloatArray, floor: FloatArray, peak: int) -> float:
     """Return where between the bins a line stands, by Whittle's likelihood.
 
     A part that rings makes a line as wide as its damping times its frequency, whose highest bin is a matter
-    of chance: it lies up to that far off. So lines of several widths, each a resonance seen through the window,
-    are held against all bins around the peak, behind the floor (P. Whittle, 1953).
+    of chance: it lies up to that far off. So lines of several widths, each a resonance seen through the
+    window, are held against all bins around the peak, behind the floor (P. Whittle, 1953).
     """
     first, after = max(1, peak - _FITTED), min(mean.size, peak + _FITTED + 1)
     bins = np.arange(first, after)
