@@ -9,9 +9,8 @@ from typing import Final, NamedTuple
 from quadid_logs.data.tuning import AxisTuning
 from quadid_logs.diagnose.findings import finding
 
-#: Of gust error or noise on one axis at least: the part that no flight would show, as of `_NO_DIFFERENCE`
-#: in the search for filters.
-_WORTH: Final = 0.05
+#: The part of gust error or noise that no flight would show, as of `_NO_DIFFERENCE` in the search for filters.
+_NOT_SHOWN: Final = 0.05
 
 
 class Refiltered(NamedTuple):
@@ -29,8 +28,7 @@ def is_no_worse(filtered: AxisTuning, alone: AxisTuning, in_the_end: float = 1.0
     """Tell whether an axis has no more gust error than with gains alone; what nobody can tell counts as more.
 
     Filters that are changed take some of what a controller may change in one flight, and gains get the rest.
-    So the next flight may lose as much, by factors, as the flights gain in the end, and is no worse than what
-    flew.
+    So the next flight may lose what no flight would show, if flights gain as much in the end.
 
     Parameters
     ----------
@@ -43,10 +41,8 @@ def is_no_worse(filtered: AxisTuning, alone: AxisTuning, in_the_end: float = 1.0
     -------
     bool
     """
-    without = _gust_error(alone)
-    return filtered.attitude_error * min(in_the_end, 1.0) <= without and filtered.attitude_error <= max(
-        without, 1.0
-    )
+    lost = filtered.attitude_error / _gust_error(alone)
+    return lost <= 1.0 or (lost <= 1.0 + _NOT_SHOWN and lost * in_the_end <= 1.0)
 
 
 def is_worth_it(filtered: Mapping[str, AxisTuning], alone: Mapping[str, AxisTuning]) -> bool:
@@ -61,7 +57,7 @@ def is_worth_it(filtered: Mapping[str, AxisTuning], alone: Mapping[str, AxisTuni
     -------
     bool
     """
-    most = 1.0 - _WORTH
+    most = 1.0 - _NOT_SHOWN
     return any(
         new.attitude_error <= most * _gust_error(alone[axis])
         or new.torque_noise_next <= most * alone[axis].torque_noise_next
