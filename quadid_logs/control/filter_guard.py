@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from quadid_logs.data.tuning import AxisTuning
 from quadid_logs.diagnose.findings import finding
 
-#: The part of gust error or noise that no flight would show, as of `_NO_DIFFERENCE` in the search for filters.
+#: The part of gust error or noise that no flight would show, as of `_NO_DIFFERENCE` in the search.
 _NOT_SHOWN: Final = 0.05
 
 
