@@ -27,7 +27,7 @@ from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.closed_loop import AxisLoop, LoopMargins
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.health import LineSource
+from quadid_logs.data.health import Line, LineSource
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model
 from quadid_logs.data.off_nominal import OFF_NOMINAL, Ranges
@@ -37,10 +37,13 @@ from quadid_logs.data.tuning import GOOD, AxisTuning, Limits, Tunable, Tuning
 from quadid_logs.data.what_if import WhatIf
 from quadid_logs.diagnose.findings import finding
 from quadid_logs.maths.band import ComplexArray
+from quadid_logs.maths.spectra import WINDOW_S
 from quadid_logs.vocabulary import AXES, MULTIROTOR
 
 #: Two gains are the same, as they are typed in and held in single precision.
 _SAME_GAIN: Final = 1e-3
+#: Two lines are one within what a window of 4 s resolves [Hz].
+_SAME_LINE_HZ: Final = 2.0 / WINDOW_S
 
 
 def recommend(
@@ -224,10 +227,27 @@ def _filter_wishes(result: Result, parameters: Mapping[str, float]) -> FilterWis
     """Return what of the filters may be set, for the lines that the flight shows."""
     noise = None if result.health is None else result.health.noise
     # A line that may stand elsewhere in truth is no place for a notch.
-    lines = () if noise is None or noise.may_be_folded else tuple(chain.from_iterable(noise.lines.values()))
-    still = (one.frequency_hz for one in lines if one.source in (LineSource.FIXED, LineSource.UNKNOWN))
-    choices = named(result.log.autopilot).filter_choices(result.log, parameters, lines)
+    lines = {} if noise is None or noise.may_be_folded else noise.lines
+    # Nor is one that a loop may make.
+    vibration = tuple(
+        line for axis, some in lines.items() for line in some if not _may_be_loop(result, axis, line)
+    )
+    still = (
+        one.frequency_hz
+        for one in chain.from_iterable(lines.values())
+        if one.source in (LineSource.FIXED, LineSource.UNKNOWN)
+    )
+    choices = named(result.log.autopilot).filter_choices(result.log, parameters, vibration)
     return FilterWishes(choices, tuple(still))
+
+
+def _may_be_loop(result: Result, axis: str, line: Line) -> bool:
+    """Tell whether a line is one of the oscillations of its axis, which a loop may make."""
+    seen = None if result.health is None else result.health.oscillation
+    return seen is not None and any(
+        one.axis == axis and abs(one.line.frequency_hz - line.frequency_hz) <= _SAME_LINE_HZ
+        for one in seen.axes
+    )
 
 
 def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:

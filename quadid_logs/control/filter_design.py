@@ -28,8 +28,6 @@ _NO_DIFFERENCE: Final = 0.05
 #: Filters are changed for a tenth of gust error or noise, as gains are, and where nothing gets worse.
 _WORTH: Final = 0.10
 _NO_WORSE: Final = 0.02
-#: A hundredth of a limit that is missing outweighs what it could be paid with, as in the search for gains.
-_PENALTY: Final = 30.0
 #: At a line that stands, filters alone let pass no more than as flown, but for rounding: half a decibel.
 #: It may be a mode of the frame, which raises the loop by up to 27 dB (docs/loop.md): below, it closes none.
 _AT_LINES: Final = 1.06
@@ -124,7 +122,7 @@ def design_filters(
     still_hz: Sequence[float],
     *,
     shared: bool,
-) -> Changes | None:
+) -> tuple[Changes, ...]:
     """Choose settings of the filters.
 
     Parameters
@@ -141,8 +139,10 @@ def design_filters(
 
     Returns
     -------
-    Changes or None
-        None where no setting is clearly better than the flown one.
+    tuple of Changes
+        The chosen one, which is the quietest of those that no flight would tell apart, then the one that
+        leaves least of gusts: the next flight may bear that where the quietest would be worse. Empty where
+        none is clearly better than the flown one.
     """
     return _Design(axes, choices, parameters, still_hz).found(shared=shared)
 
@@ -159,12 +159,13 @@ class _Design:
         self._still_hz = still_hz
         self._begin: Mapping[str, Quick] = {}
         self._trials: dict[str, list[FilterTrial]] = {axis: [] for axis in axes}
+        self._steadiest: _State | None = None
 
-    def found(self, *, shared: bool) -> Changes | None:
+    def found(self, *, shared: bool) -> tuple[Changes, ...]:
         """Return the settings, in the order in which they matter: notches, low-passes of all, of each."""
         begin = self._as_flown()
         if begin is None:
-            return None
+            return ()
         state = begin
         if shared:
             state = self._chosen(state, self._notched(state))
@@ -179,7 +180,8 @@ class _Design:
         if shared:
             for cutoffs in self._choices.shared:
                 state = self._chosen(state, self._scaled(state, cutoffs, _BESIDE))
-        return self._worth(begin, state)
+        both = [state] if self._steadiest in (None, state) else [state, self._steadiest]
+        return tuple(one for one in (self._worth(begin, each) for each in both) if one is not None)
 
     def _as_flown(self) -> _State | None:
         """Return the flown filters, with the best gains behind them."""
@@ -270,7 +272,7 @@ class _Design:
         """Return what is to be small: gusts, what is missing of limits, and noise beyond what is accepted."""
         noise = self._axes[axis].too_noisy * found.noise
         beyond = math.log(max(noise, 1.0)) if math.isfinite(noise) else 0.0
-        return math.log(found.cost) + _PENALTY * found.missing + beyond
+        return math.log(found.value) + beyond
 
     def _total(self, state: _State) -> float:
         return sum(self._value(axis, found) for axis, found in state.found.items())
@@ -295,6 +297,9 @@ class _Design:
             if total <= min(totals) + _NO_DIFFERENCE * len(now.found)
         ]
         best = min(near, key=self._noise)
+        steadiest = states[int(np.argmin(totals))]
+        if self._steadiest is None or self._total(steadiest) < self._total(self._steadiest):
+            self._steadiest = steadiest
         # No setting is changed for nothing.
         return (
             now

@@ -16,7 +16,7 @@ import numpy as np
 
 from quadid_logs.control.filter_design import Changes, design_filters, most_noise
 from quadid_logs.control.filter_findings import filter_findings
-from quadid_logs.control.filter_guard import is_no_worse, is_worth_it, with_flown_filters
+from quadid_logs.control.filter_guard import Refiltered, is_no_worse, is_worth_it, with_flown_filters
 from quadid_logs.control.guard import Case, obstacles
 from quadid_logs.control.loop import rate_loop
 from quadid_logs.control.next_flight import of_next_flight
@@ -221,9 +221,15 @@ def _refiltered(
     if not searches:
         return {}
     parameters = next(iter(searches.values())).parameters
-    found = design_filters(searches, filters.choices, parameters, filters.still_hz, shared=shared)
-    if found is None:
-        return {}
+    settings = design_filters(searches, filters.choices, parameters, filters.still_hz, shared=shared)
+    steps = (_filter_steps(searches, alone, found) for found in settings)
+    return next((step for step in steps if step), {})
+
+
+def _filter_steps(
+    searches: Mapping[str, _Search], alone: Mapping[str, AxisTuning], found: Changes
+) -> dict[str, AxisTuning]:
+    """Return the axes whose next flight is no worse behind some filters, and worth them."""
     tuned = {axis: _filter_step(axis, one, alone[axis], found) for axis, one in searches.items()}
     known = {axis: one for axis, one in tuned.items() if one is not None}
     # What all axes share changes for all of them, or not at all.
@@ -235,13 +241,13 @@ def _refiltered(
 def _filter_step(axis: str, search: _Search, alone: AxisTuning, found: Changes) -> AxisTuning | None:
     """Return the step of an axis behind its own filters and those of all, or behind the latter only.
 
-    None where gains alone leave less of gusts in the next flight, however good the filters' target is.
+    None where gains alone leave less of gusts in the next flight than what filters leave less in the end.
     """
     for chosen in (found, found.without_own(axis)) if axis in found.own else (found,):
         changes = chosen.of(axis, search.parameters)
-        tuned = search.with_filters(changes, chosen) if changes else None
-        if tuned is not None and is_no_worse(tuned, alone):
-            return tuned
+        refiltered = search.with_filters(changes, chosen) if changes else None
+        if refiltered is not None and is_no_worse(refiltered.tuning, alone, refiltered.in_the_end):
+            return refiltered.tuning
     return None
 
 
@@ -533,7 +539,7 @@ class _Search:
             reasons.extend(filter_note(self._case, self._rebuild, self._loops))
         return self._described("change", tuple(reasons), step)
 
-    def with_filters(self, filters: Mapping[str, GainChange], chosen: Changes) -> AxisTuning | None:
+    def with_filters(self, filters: Mapping[str, GainChange], chosen: Changes) -> Refiltered | None:
         """Return the step towards the best gains behind other filters, None where none keeps the limits."""
         search, alone = self.filtered({name: one.next for name, one in filters.items()}), self.best()
         if search is None or alone is None:
@@ -549,7 +555,8 @@ class _Search:
         if any(one.next != one.target for one in step.gains.values()):
             reasons.append(_found("QL633", self._case, {}))
         described = self._described("change", tuple(reasons), step)
-        return replace(described, filters=filters, filter_trials=chosen.trials.get(axis, ()))
+        tuning = replace(described, filters=filters, filter_trials=chosen.trials.get(axis, ()))
+        return Refiltered(tuning, new.value / old.value)
 
     def _separate(self) -> SeparateGains | None:
         """Return the search for gains one by one; None where there is none, or the mixer holds all gains."""

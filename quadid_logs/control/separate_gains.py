@@ -33,6 +33,8 @@ _BOUNDS: Final = (0.25, 4.0)
 _MOST_PEAK_DB: Final = 5.0
 #: A missing hundredth of a limit weighs more than any rejection of gusts that it could be paid with.
 _PENALTY: Final = 30.0
+#: Beyond e to this power nothing is told apart.
+_ENOUGH: Final = 100.0
 #: The search ends where the error changes by less than this part, or after so many steps; it changes gains by
 #: so much to see what that does, as logarithms.
 _TOLERANCE: Final = 1e-3
@@ -103,6 +105,11 @@ class Quick(NamedTuple):
     cost: float
     noise: float
     missing: float
+
+    @property
+    def value(self) -> float:
+        """What is to be small: the cost, and what is missing of limits, which outweighs it."""
+        return self.cost * math.exp(min(_PENALTY * self.missing, _ENOUGH))
 
 
 class Disturbed(NamedTuple):

@@ -389,6 +389,12 @@ class AxisOscillation:
         follows = self.setpoint_share > _FOLLOWS
         return OscillatingLoop.OUTER if follows or not self.rate_loop else OscillatingLoop.RATE
 
+    @property
+    def certain(self) -> bool:
+        """Whether nothing but a loop makes it; otherwise something may shake the vehicle there."""
+        of_outer = self.loop is OscillatingLoop.OUTER
+        return self.overtone or (self.rate_loop and (of_outer or self.dominates))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Oscillation(Topic):

@@ -97,6 +97,8 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     )
     oscillations_hz: dict[str, list[float]] = {}
     for one in () if oscillation is None else oscillation.axes:
+        if not one.certain:
+            continue
         oscillations_hz.setdefault(one.axis, []).append(one.line.frequency_hz)
     gyros = [one for name in ("body_rate", "gyro_samples") for one in prepared.candidates.get(name, ())]
     found: dict[str, Any] = {

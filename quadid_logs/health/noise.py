@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.health import GyroSpectrum, Line, LineSource, Map, Noise
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.health.records import records
@@ -38,6 +38,8 @@ _HARMONICS: Final = (1, 2, 3, 4)
 #: A line is followed within this fraction of its frequency, and lies on a rotor's speed within that one: as
 #: much as speed changes in some seconds of hover.
 _NEAR, _SAME_SPEED = 0.25, 0.02
+#: What goes with the rotors.
+_TURNING: Final = (LineSource.ROTOR, LineSource.FOLLOWS_THROTTLE)
 #: Cells of the pictures.
 _MOST_X, _MOST_Y, _MOST_LEVELS = 140, 120, 20
 #: Windows at one level of throttle, below which their mean says little.
@@ -100,12 +102,15 @@ def find_noise(
     speeds = _rotor_hz(rotor_speed, main)
     notches = after.gyro_filter if after is not None else series.gyro_filter
     lines = {
-        axis: tuple(
-            _named(line, main, column, level, speeds, notches, oscillations_hz.get(axis, ()))
-            for line in find_lines(main, column, searched & ~commanded[:, column], len(AXES))
+        axis: _named(
+            find_lines(main, column, searched & ~commanded[:, column], len(AXES)),
+            _Flown(main, column, level, speeds),
+            notches,
+            oscillations_hz.get(axis, ()),
         )
         for column, axis in enumerate(AXES)
     }
+    lines = _alike(lines, float(main.frequency_hz[1]))
     folded = may_be_folded(series)
     in_lines = _part_in_lines(lines, main)
     return Noise(
@@ -211,17 +216,43 @@ def _rotor_hz(series: CleanSeries | None, spectra: Periodograms) -> FloatArray |
     return means[:, turning] / (2.0 * np.pi) if turning.any() else None
 
 
+class _Flown(NamedTuple):
+    """Windows of one axis, and in each of them the throttle and every rotor's speed [1/s]."""
+
+    spectra: Periodograms
+    column: int
+    throttle: FloatArray | None
+    speeds: FloatArray | None
+
+
 def _named(
-    line: Line,
-    spectra: Periodograms,
-    column: int,
-    throttle: FloatArray | None,
-    speeds: FloatArray | None,
-    known: GyroFilter,
-    oscillations_hz: Sequence[float],
-) -> Line:
-    """Say what a line comes from: an oscillation of the loop, a rotor, what follows the throttle."""
-    centre = next(
+    lines: Sequence[Line], flown: _Flown, known: GyroFilter, oscillations_hz: Sequence[float]
+) -> tuple[Line, ...]:
+    """Say of each line of an axis which notch stands on it, and what it comes from."""
+    all_hz = [line.frequency_hz for line in lines]
+    return tuple(
+        _sourced(replace(line, notch_hz=_notch_on(line, known)), all_hz, flown, oscillations_hz)
+        for line in lines
+    )
+
+
+def _alike(lines: Mapping[str, tuple[Line, ...]], step_hz: float) -> dict[str, tuple[Line, ...]]:
+    """Return the lines with one name for what stands at one frequency about several axes."""
+    known = [one for found in lines.values() for one in found if one.source in _TURNING]
+
+    def named(line: Line) -> Line:
+        near = [one for one in known if abs(one.frequency_hz - line.frequency_hz) <= step_hz]
+        if line.source is not LineSource.UNKNOWN or not near:
+            return line
+        best = min(near, key=lambda one: abs(one.frequency_hz - line.frequency_hz))
+        return replace(line, source=best.source, harmonic=best.harmonic)
+
+    return {axis: tuple(named(line) for line in found) for axis, found in lines.items()}
+
+
+def _notch_on(line: Line, known: GyroFilter) -> float:
+    """Return the centre of the notch that stands on a line, NaN without one."""
+    return next(
         (
             notch.frequency_hz
             for notch in known.notches
@@ -229,28 +260,44 @@ def _named(
         ),
         float("nan"),
     )
-    line = replace(line, notch_hz=centre)
+
+
+def _sourced(line: Line, all_hz: Sequence[float], flown: _Flown, oscillations_hz: Sequence[float]) -> Line:
+    """Say what a line comes from: an oscillation of the loop, a rotor, what follows the throttle."""
+    spectra = flown.spectra
     for oscillation_hz in oscillations_hz:
         harmonic = round(line.frequency_hz / oscillation_hz)
         # The error of a frequency grows with the harmonic.
         error_hz = max(harmonic, 1) * float(spectra.frequency_hz[1])
         if abs(line.frequency_hz - harmonic * oscillation_hz) <= error_hz:
             return replace(line, source=LineSource.LOOP, harmonic=harmonic)
-    near = np.flatnonzero(np.abs(spectra.frequency_hz / line.frequency_hz - 1.0) < _NEAR)
-    peaks = spectra.frequency_hz[near[np.argmax(spectra.density[:, near, column], axis=1)]]
-    if speeds is not None:
+    near = _followed(line.frequency_hz, all_hz, spectra.frequency_hz)
+    density = spectra.density[:, near, flown.column]
+    peaks = spectra.frequency_hz[near[np.argmax(density, axis=1)]]
+    if flown.speeds is not None:
         # Half of the windows, with the stronger peaks: in a manoeuvre a line is smeared.
-        power = spectra.density[:, near, column].max(axis=1)
+        power = density.max(axis=1)
         strong = power >= np.median(power)
-        harmonic = _harmonic(peaks[strong], spectra.frequency_hz[near], speeds[strong])
+        harmonic = _harmonic(
+            line.frequency_hz, peaks[strong], spectra.frequency_hz[near], flown.speeds[strong]
+        )
         return replace(line, source=LineSource.ROTOR, harmonic=harmonic) if harmonic else line
-    return replace(line, source=_by_throttle(line, peaks, throttle))
+    return replace(line, source=_by_throttle(line, peaks, flown.throttle))
 
 
-def _harmonic(peaks: FloatArray, near_hz: FloatArray, speeds: FloatArray) -> int:
+def _followed(line_hz: float, all_hz: Sequence[float], frequency_hz: FloatArray) -> IntArray:
+    """Return the places where a line is followed: no further than halfway to the next one, stronger there."""
+    low = max([(1.0 - _NEAR) * line_hz, *(0.5 * (one + line_hz) for one in all_hz if one < line_hz)])
+    high = min([(1.0 + _NEAR) * line_hz, *(0.5 * (one + line_hz) for one in all_hz if one > line_hz)])
+    return np.flatnonzero((frequency_hz > low) & (frequency_hz < high))
+
+
+def _harmonic(line_hz: float, peaks: FloatArray, near_hz: FloatArray, speeds: FloatArray) -> int:
     """Return the multiple of a rotor's speed on which a line's peaks lie window by window, 0 where on none.
 
     A binomial test: as often on any rotor's multiple as this does not happen to peaks anywhere near the line.
+    A line stands where a rotor's multiple was in some window: a part of the frame that rings beside it
+    is none of the rotors', however often their stronger line is the peak that is found.
     """
     from scipy.special import betainc
 
@@ -261,6 +308,8 @@ def _harmonic(peaks: FloatArray, near_hz: FloatArray, speeds: FloatArray) -> int
     for harmonic in _HARMONICS:
         places = harmonic * speeds
         wide = np.maximum(_SAME_SPEED * places, 1.5 * float(near_hz[1] - near_hz[0]))
+        if not np.any(np.abs(line_hz - places) <= wide):
+            continue
         hits = (np.abs(peaks[:, np.newaxis] - places) <= wide).any(axis=1)
         covered = (np.abs(near_hz[:, np.newaxis, np.newaxis] - places) <= wide).any(axis=2).mean()
         n_hits = int(np.count_nonzero(hits))

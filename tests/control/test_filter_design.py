@@ -92,6 +92,21 @@ def test_gust_error_that_nobody_can_tell_is_no_reason_to_change_filters() -> Non
     assert not is_no_worse(_next(0.5), _next(float("nan")))
 
 
+def test_filters_leave_no_axis_worse_that_no_gains_alone_help() -> None:
+    """It was left with four times the gust error that it flew with: a refused axis had no error to compare."""
+    assert not is_no_worse(_next(1.01), _next(float("nan"), verdict="refused"))
+
+
+@pytest.mark.parametrize(
+    ("lost", "in_the_end", "borne"),
+    [(1.02, 0.95, True), (1.02, 0.99, False), (1.02, 1.0, False), (1.10, 0.5, False), (0.99, 1.2, True)],
+)
+def test_what_the_next_flight_loses_is_small_and_made_up_for_in_the_end(
+    lost: float, in_the_end: float, *, borne: bool
+) -> None:
+    assert is_no_worse(_next(0.5 * lost), _next(0.5), in_the_end) is borne
+
+
 def test_filters_may_help_an_axis_that_no_gains_alone_help() -> None:
     refused = _next(float("nan"), verdict="refused")
     assert is_no_worse(_next(0.9), refused)
@@ -205,6 +220,16 @@ def test_a_second_notch_takes_the_second_set_where_the_first_stands_on_a_line() 
     (only,) = _choices("ardupilot", flown, _line(70.0), _line(110.0)).notches
     assert only["INS_HNTC2_FREQ"] == 110.0
     assert not any(name.startswith("INS_HNTCH") for name in only)
+
+
+def test_each_of_two_lines_is_tried_where_there_is_one_notch() -> None:
+    rotors_hz = np.full((50, 4), 80.0)
+    lines = _line(80.0, LineSource.ROTOR, 1), _line(110.0)
+    tried = _choices("ardupilot", {"INS_HNTCH_ENABLE": 0.0}, *lines, rotors_hz=rotors_hz).notches
+    assert [one["INS_HNTCH_MODE"] for one in tried] == [3.0, 0.0]
+    flown = {"IMU_GYRO_NF0_FRQ": 0.0, "IMU_GYRO_NF0_BW": 20.0}
+    tried = _choices("px4", flown, _line(70.0), _line(110.0)).notches
+    assert {one["IMU_GYRO_NF0_FRQ"] for one in tried} == {70.0, 110.0}
 
 
 def test_a_notch_that_follows_rotors_is_set_to_follow_the_speeds_that_the_log_holds() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -86,12 +87,14 @@ def _notches(
     ]
     # The log tells where a notch stood that moved: such a set is not set to something else.
     usable = [name for name in free if name in _SETS and CENTRES[_SETS.index(name)] not in log.followed]
-    chosen = dict(zip(usable, missing, strict=False))
-    if chosen:
+    # Where there are more lines than sets, the search tells which of them are worth one.
+    for some in combinations(missing, min(len(usable), len(missing))):
+        chosen = dict(zip(usable, some, strict=False))
         on = {
             f"{name}_{short}": value for name, setting in chosen.items() for short, value in setting.items()
         }
-        yield off | on
+        if on:
+            yield off | on
 
 
 def _stands_on_a_line(places: Places, lines: SortedLines) -> bool:

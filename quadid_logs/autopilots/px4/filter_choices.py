@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 from typing import Final
 
 from quadid_logs.autopilots.lines import STANDING_WIDTH, SortedLines, is_on, low_passes_on, sorted_lines
@@ -62,10 +63,7 @@ def _notches(
     covered = {line_hz for found in on_line.values() for line_hz in found}
     missing = [line_hz for line_hz in lines.fixed_hz if line_hz not in covered]
     free = [name for name in _STANDING if f"{name}_FRQ" in parameters and not on_line.get(name)]
-    on: dict[str, float] = {}
-    for name, line_hz in zip(free, missing, strict=False):
-        on[f"{name}_FRQ"] = written_hz(line_hz)
-        on[f"{name}_BW"] = written_hz(min(STANDING_WIDTH * line_hz, _WIDEST_HZ))
+    rotors: dict[str, float] = {}
     enabled = whole_number(parameters.get("IMU_GYRO_DNF_EN"))
     if (
         lines.harmonics
@@ -73,7 +71,13 @@ def _notches(
         and "IMU_GYRO_DNF_EN" in parameters
         and not enabled & _BY_ROTORS
     ):
-        on["IMU_GYRO_DNF_EN"] = float(enabled | _BY_ROTORS)
-        on["IMU_GYRO_DNF_HMC"] = float(min(max(lines.harmonics), _MOST_HARMONICS))
-    if on:
-        yield off | on
+        rotors["IMU_GYRO_DNF_EN"] = float(enabled | _BY_ROTORS)
+        rotors["IMU_GYRO_DNF_HMC"] = float(min(max(lines.harmonics), _MOST_HARMONICS))
+    # Where there are more lines than notches, the search tells which of them are worth one.
+    for some in combinations(missing, min(len(free), len(missing))):
+        on = dict(rotors)
+        for name, line_hz in zip(free, some, strict=False):
+            on[f"{name}_FRQ"] = written_hz(line_hz)
+            on[f"{name}_BW"] = written_hz(min(STANDING_WIDTH * line_hz, _WIDEST_HZ))
+        if on:
+            yield off | on
