@@ -1,0 +1,484 @@
+"""The loops around the rate loop: the controllers replayed, and velocity and position loops closed.
+
+Tilt about an axis makes acceleration along a horizontal one, and the firmware turns accelerations into angles by
+the same law, so that gravity cancels: from the acceleration that is wanted to the one that is had lies the
+attitude loop, closed around the identified vehicle, and two integrations. Air drag is left out, which would give
+phase rather than take it, and so is the estimator, whose delay no log shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray, runs
+from quadid_logs.control.attitude import bandwidth_hz
+from quadid_logs.control.loop import close, integrators, on_angle
+from quadid_logs.control.margins import grid_hz, is_stable, margins_of
+from quadid_logs.data.closed_loop import ClosedLoop, Estimated, Plant
+from quadid_logs.data.controller import AxisController
+from quadid_logs.data.log import PositionRows
+from quadid_logs.data.outer_loops import (
+    AttitudeCommand,
+    AttitudeReplay,
+    AttitudeRows,
+    CascadeController,
+    CascadeReplay,
+    OuterControllers,
+    OuterLoop,
+    OuterLoops,
+    ShaperReplay,
+    ShaperRows,
+    Shown,
+)
+from quadid_logs.maths.band import ComplexArray, delay_response
+from quadid_logs.maths.intervals import inside
+from quadid_logs.maths.recurrence import low_pass
+from quadid_logs.maths.student import student_95
+from quadid_logs.vocabulary import AXES
+
+#: Axes whose tilt moves the vehicle.
+TILTS: Final = ("roll", "pitch")
+#: Rows that differ most are left out: their set-point was made of an attitude that was not logged.
+_KEPT: Final = 0.95
+#: A replay that leaves more than a twentieth is another law, as of the rate controllers.
+_SAME_LAW: Final = 0.05
+#: Below the resolution of a gyro (2000 deg/s in 16 bits) no rate set-point tells anything [rad/s].
+_LEAST_RATE: Final = np.radians(2000.0 / 32768.0)
+_FEWEST_ROWS: Final = 50
+#: Errors of neighbouring rows are alike: clusters as long as filters of a velocity loop remember [s].
+_CLUSTER_S: Final = 1.0
+#: Fewer clusters have no covariance to speak of.
+_FEWEST_CLUSTERS: Final = 8
+#: Between rows signals are interpolated so finely that filters of 5 Hz do not see the steps [s].
+_STEP_S: Final = 0.02
+#: Rows slower than this cannot show a velocity controller, whose crossover lies at some tenths of a hertz [s].
+_SLOWEST_S: Final = 0.5
+#: A longer step than so many typical ones is a gap.
+_GAP: Final = 3.0
+#: In metres and seconds nothing comes near: such a number is damage.
+_IMPOSSIBLE: Final = 1e6
+#: Above, velocity and position loops have no gain.
+_HIGHEST_HZ: Final = 30.0
+_CI: Final = (0.025, 0.975)
+
+
+def outer_loops(
+    controllers: OuterControllers,
+    closed: ClosedLoop,
+    attitude: AttitudeRows | None,
+    shaper: ShaperRows | None,
+    positions: Sequence[PositionRows],
+    intervals: Sequence[tuple[float, float]],
+) -> OuterLoops:
+    """Replay the outer controllers and close their loops.
+
+    Parameters
+    ----------
+    controllers : OuterControllers
+    closed : ClosedLoop
+        The rate loops: tilt answers as they do.
+    attitude : AttitudeRows or None
+    shaper : ShaperRows or None
+    positions : sequence of PositionRows
+    intervals : sequence of (start_s, end_s)
+        Flights on the log's own clock; none for the whole log.
+
+    Returns
+    -------
+    OuterLoops
+        Loops are closed where velocities were controlled, and where no replay contradicts.
+    """
+    command, horizontal = controllers.attitude, controllers.horizontal
+    replays = {} if attitude is None else attitude_replays(attitude, command)
+    cascades = {}
+    if horizontal is not None:
+        cascades = {
+            each.direction: found
+            for each in positions
+            if (found := cascade_replay(each, horizontal, intervals)) is not None
+        }
+    loops = {}
+    if horizontal is not None and cascades and all(
+        each.shown is not Shown.DIFFERS for each in cascades.values()
+    ):
+        loops = {
+            axis: found
+            for axis in TILTS
+            if not _differs(replays.get(axis), command)
+            and (found := _loop_of(closed, axis, command, horizontal)) is not None
+        }
+    return OuterLoops(
+        controllers=controllers,
+        attitude=replays,
+        shaper={} if shaper is None else _shaper_replays(shaper),
+        cascades=cascades,
+        loops=loops,
+    )
+
+
+def _differs(replay: AttitudeReplay | None, command: AttitudeCommand) -> bool:
+    """Tell whether the log contradicts the angle loop; what is named as not modelled is no contradiction."""
+    return replay is not None and replay.shown is Shown.DIFFERS and not command.not_modelled
+
+
+def attitude_replays(rows: AttitudeRows, command: AttitudeCommand) -> dict[str, AttitudeReplay]:
+    """Hold the attitude controller's law against the logged rate set-points.
+
+    Parameters
+    ----------
+    rows : AttitudeRows
+    command : AttitudeCommand
+
+    Returns
+    -------
+    dict of str to AttitudeReplay
+        By axis; empty where the rows are too few.
+    """
+    if len(rows.time_s) < _FEWEST_ROWS:
+        return {}
+    return {axis: _attitude_replay(rows, number, command) for number, axis in enumerate(AXES)}
+
+
+def _attitude_replay(rows: AttitudeRows, number: int, command: AttitudeCommand) -> AttitudeReplay:
+    made, forward, logged = (each[:, number] for each in (rows.from_error, rows.forward, rows.logged))
+    off = np.abs(made + forward - logged)
+    kept = off <= np.quantile(off, _KEPT)
+    size, left = _rms(logged[kept]), _rms(off[kept])
+    gain = _slope(made[kept], (logged - forward)[kept], _clusters(rows.time_s[kept]))
+    small = size < _LEAST_RATE or left < _LEAST_RATE
+    shown = Shown.AGREES if left <= _SAME_LAW * size else Shown.NOT_SHOWN if small else Shown.DIFFERS
+    if shown is Shown.DIFFERS and command.not_modelled:
+        shown = Shown.NOT_SHOWN
+    return AttitudeReplay(
+        shown=shown,
+        relative_rms=left / size if size > 0.0 else float("nan"),
+        gain=gain,
+        n_rows=int(np.count_nonzero(kept)),
+    )
+
+
+def _shaper_replays(rows: ShaperRows) -> dict[str, ShaperReplay]:
+    """Hold the input shaper's law against the logged target, about their means: trims are no part of it."""
+    found = {}
+    for number, axis in enumerate(TILTS):
+        size = float(np.std(rows.logged[:, number]))
+        if len(rows.logged) >= _FEWEST_ROWS and size > 0.0:
+            found[axis] = ShaperReplay(
+                relative_rms=float(np.std(rows.shaped[:, number] - rows.logged[:, number])) / size,
+                unshaped_rms=float(np.std(rows.wanted[:, number] - rows.logged[:, number])) / size,
+                n_rows=len(rows.logged),
+            )
+    return found
+
+
+class _Run(NamedTuple):
+    """Rows of one direction that follow each other without a gap."""
+
+    time_s: FloatArray
+    values: Mapping[str, FloatArray]
+
+
+def cascade_replay(
+    rows: PositionRows, controller: CascadeController, intervals: Sequence[tuple[float, float]]
+) -> CascadeReplay | None:
+    """Replay position and velocity controller of one direction.
+
+    Parameters
+    ----------
+    rows : PositionRows
+    controller : CascadeController
+    intervals : sequence of (start_s, end_s)
+        Flights on the log's own clock; none for the whole log.
+
+    Returns
+    -------
+    CascadeReplay or None
+        None where velocities were not controlled for long enough.
+
+    Notes
+    -----
+    Rows come at 5 to 20 Hz and the controllers run at 50 to 400 Hz: filters and integral see the signals
+    interpolated between rows, and the gains are estimated by least squares with residuals in clusters of a second.
+    """
+    run = _longest_run(rows, intervals, ("velocity_target", "velocity"))
+    if run is None:
+        return None
+    time_s, values = run
+    position, position_rms, position_m = _position(run, controller)
+    velocity, integral, velocity_rms = _velocity(run, controller)
+    error = values["velocity_target"] - values["velocity"]
+    return CascadeReplay(
+        position=position,
+        velocity=velocity,
+        integral=integral,
+        position_rms=position_rms,
+        velocity_rms=velocity_rms,
+        velocity_error_m_s=_rms(error),
+        velocity_moved_m_s=float(np.std(values["velocity_target"])),
+        position_error_m=position_m,
+        n_rows=len(time_s),
+        row_s=float(np.median(np.diff(time_s))),
+    )
+
+
+def _longest_run(
+    rows: PositionRows, intervals: Sequence[tuple[float, float]], needed: Sequence[str]
+) -> _Run | None:
+    """Return the longest run of rows that hold numbers and follow each other; None for one too short."""
+    if any(name not in rows.values for name in needed):
+        return None
+    time_s = rows.rows.time_s
+    usable = np.isfinite(time_s) if not intervals else inside(time_s, intervals)
+    for name in needed:
+        usable = usable & (np.abs(rows.values[name]) < _IMPOSSIBLE)
+    step_s = np.diff(time_s)
+    forward = step_s[(step_s > 0.0) & usable[1:] & usable[:-1]]
+    typical_s = float(np.median(forward)) if forward.size else 0.0
+    if not 0.0 < typical_s <= _SLOWEST_S:
+        return None
+    joined = (step_s > 0.0) & (step_s < _GAP * typical_s) & usable[1:] & usable[:-1]
+    first, end = max(runs(joined), key=lambda each: each[1] - each[0], default=(0, 0))
+    if end - first < _FEWEST_ROWS:
+        return None
+    part = slice(first, end + 1)
+    return _Run(time_s[part], {name: each[part] for name, each in rows.values.items()})
+
+
+def _position(run: _Run, controller: CascadeController) -> tuple[Estimated | None, float, float]:
+    """Return the position controller's gain over that of the parameters, what it leaves, and the error [m]."""
+    values, nothing = run.values, (None, float("nan"), float("nan"))
+    names = ("position_target", "position", "velocity_forward")
+    if any(name not in values for name in names) or not controller.position_per_s > 0.0:
+        return nothing
+    made = controller.position_per_s * (values["position_target"] - values["position"])
+    given = values["velocity_target"] - values["velocity_forward"]
+    known = (np.abs(made) < _IMPOSSIBLE) & (np.abs(given) < _IMPOSSIBLE)
+    if np.count_nonzero(known) < _FEWEST_ROWS:
+        return nothing
+    made, given = made[known], given[known]
+    gain = _slope(made, given, _clusters(run.time_s[known]))
+    size = _rms(given)
+    left = _rms(given - made) / size if size > 0.0 else float("nan")
+    return gain, left, _rms(made) / controller.position_per_s
+
+
+def _velocity(
+    run: _Run, controller: CascadeController
+) -> tuple[Estimated | None, Estimated | None, float]:
+    """Return P and I of the velocity controller over those of the parameters, and what it leaves."""
+    values, nothing = run.values, (None, None, float("nan"))
+    if "acceleration_target" not in values or "acceleration_forward" not in values:
+        return nothing
+    given = values["acceleration_target"] - values["acceleration_forward"]
+    known = np.abs(given) < _IMPOSSIBLE
+    if np.count_nonzero(known) < _FEWEST_ROWS:
+        return nothing
+    proportional, integral, slope = _terms(run, controller)
+    regressors = [proportional] + ([integral] if controller.integral_per_s2 > 0.0 else [])
+    columns = np.column_stack([*regressors, np.ones(len(given))])[known]
+    found = _fit(columns, (given - slope)[known], _clusters(run.time_s[known]))
+    whole = given - proportional - integral - slope
+    size = float(np.std(given[known]))
+    left = float(np.std(whole[known])) / size if size > 0.0 else float("nan")
+    if found is None:
+        return None, None, left
+    return found[0], found[1] if controller.integral_per_s2 > 0.0 else None, left
+
+
+def _terms(run: _Run, controller: CascadeController) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what P, I and D make at each row, the integral from zero."""
+    fine_s = np.arange(run.time_s[0], run.time_s[-1] + 0.5 * _STEP_S, _STEP_S)
+    step_s = np.full(fine_s.shape, _STEP_S)
+    target, velocity = (
+        np.interp(fine_s, run.time_s, run.values[name]) for name in ("velocity_target", "velocity")
+    )
+    error = low_pass(target - velocity, controller.error_hz, step_s, first=float(target[0] - velocity[0]))
+    moved = error if controller.slope_of_error else -velocity
+    slope = low_pass(np.gradient(moved, _STEP_S), controller.derivative_hz, step_s, first=0.0)
+    terms = (
+        controller.proportional_per_s * error,
+        controller.integral_per_s2 * np.cumsum(error) * _STEP_S,
+        controller.derivative * slope,
+    )
+    proportional, integral, derivative = (np.interp(run.time_s, fine_s, each) for each in terms)
+    return proportional, integral, derivative
+
+
+def _clusters(time_s: FloatArray) -> IntArray:
+    """Return the number of the second that each row lies in."""
+    return np.unique(np.floor((time_s - time_s[0]) / _CLUSTER_S), return_inverse=True)[1]
+
+
+def _slope(made: FloatArray, given: FloatArray, clusters: IntArray) -> Estimated | None:
+    """Return how many times what was made is given; None where nothing tells."""
+    found = _fit(made[:, np.newaxis], given, clusters)
+    return None if found is None else found[0]
+
+
+def _fit(columns: FloatArray, given: FloatArray, clusters: IntArray) -> list[Estimated] | None:
+    """Return least squares with 95 % intervals by residuals in clusters; None where columns are not independent.
+
+    The sandwich of Liang and Zeger (1986), with Student's t of the clusters' number.
+    """
+    n_clusters = int(clusters.max()) + 1
+    scale = np.sqrt(np.mean(columns**2, axis=0))
+    if n_clusters < _FEWEST_CLUSTERS or not (scale > 0.0).all():
+        return None
+    columns = columns / scale
+    values, _, rank, _ = np.linalg.lstsq(columns, given, rcond=None)
+    if rank < columns.shape[1]:
+        return None
+    bread = np.linalg.inv(columns.T @ columns)
+    scores = np.zeros((n_clusters, columns.shape[1]))
+    np.add.at(scores, clusters, columns * (given - columns @ values)[:, np.newaxis])
+    covariance = bread @ (scores.T @ scores) @ bread * n_clusters / (n_clusters - 1.0)
+    half = student_95(n_clusters - 1) * np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
+    return [
+        Estimated(float(value), (float(value - wide), float(value + wide)))
+        for value, wide in zip(values / scale, half, strict=True)
+    ]
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _loop_of(
+    closed: ClosedLoop, axis: str, command: AttitudeCommand, cascade: CascadeController
+) -> OuterLoop | None:
+    """Close the loops that tilt about one axis closes; None where its rate loop is not known."""
+    inner, controller = closed.axes.get(axis), closed.controllers.axes.get(axis)
+    if inner is None or controller is None or inner.plants is None or inner.margins is None:
+        return None
+    if inner.contradicted or inner.margins.full is None or not inner.margins.full.stable:
+        return None
+    return close_outer(controller, inner.plants, command, cascade, inner.known_hz)
+
+
+def close_outer(
+    controller: AxisController,
+    plants: Plant,
+    command: AttitudeCommand,
+    cascade: CascadeController,
+    known_hz: float,
+) -> OuterLoop | None:
+    """Close velocity and position loop around vehicles with their attitude loops.
+
+    Parameters
+    ----------
+    controller : AxisController
+        With its angle gain.
+    plants : Plant
+        The estimate, then vehicles drawn around it.
+    command : AttitudeCommand
+    cascade : CascadeController
+    known_hz : float
+        Up to where measurement supports the vehicles.
+
+    Returns
+    -------
+    OuterLoop or None
+        None where no angle gain is known.
+    """
+    if not controller.angle_gain_per_s:
+        return None
+    every_hz = grid_hz(controller.period_s)
+    frequency_hz = every_hz[every_hz <= _HIGHEST_HZ]
+    tilts = attitude_response(controller, plants, command, frequency_hz)
+    unstable = ~_stable_attitude(controller, plants, every_hz)
+    velocity, position = cascade_loops(cascade, tilts, frequency_hz)
+    n = 1 + int(cascade.integral_per_s2 > 0.0)
+    widths_hz = bandwidth_hz(frequency_hz, tilts)
+    low, high = np.quantile(widths_hz, _CI)
+    return OuterLoop(
+        attitude_hz=Estimated(float(widths_hz[0]), (float(low), float(high))),
+        velocity=margins_of(frequency_hz, velocity, n, unstable, known_hz),
+        whole=None
+        if position is None
+        else margins_of(frequency_hz, velocity + position, n + 1, unstable, known_hz),
+    )
+
+
+def _stable_attitude(controller: AxisController, plants: Plant, frequency_hz: FloatArray) -> BoolArray:
+    """Tell for each vehicle whether its attitude loop is stable."""
+    full = close(controller, plants, frequency_hz).full
+    if full is None:
+        return np.ones(plants.effectiveness.shape, dtype=np.bool_)
+    return is_stable(full, integrators(controller) + 1, plants.damping > 0.0)
+
+
+def attitude_response(
+    controller: AxisController, plants: Plant, command: AttitudeCommand, frequency_hz: FloatArray
+) -> ComplexArray:
+    """Return how the attitude answers a wanted attitude, for small changes.
+
+    Parameters
+    ----------
+    controller : AxisController
+        With its angle gain.
+    plants : Plant
+    command : AttitudeCommand
+    frequency_hz : ndarray, shape (n_frequencies,)
+
+    Returns
+    -------
+    ndarray of complex, shape (n_plants, n_frequencies)
+
+    Notes
+    -----
+    The target's own rate enters where the angle loop's rate does, so that it counts as s over the angle gain
+    beside one.
+    """
+    s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
+    body = plants.response(frequency_hz, controller.period_s)
+    loop = close(controller, plants, frequency_hz, body)
+    by_angle = body * on_angle(controller, frequency_hz)
+    answer = by_angle / (1.0 + loop.rate + by_angle)
+    if command.forward and controller.angle_gain_per_s:
+        answer = answer * (1.0 + s / controller.angle_gain_per_s)
+    for lag_s in command.lags_s:
+        answer = answer / (1.0 + s * lag_s)
+    return np.asarray(answer, dtype=np.complex128)
+
+
+def cascade_loops(
+    cascade: CascadeController, tilts: ComplexArray, frequency_hz: FloatArray
+) -> tuple[ComplexArray, ComplexArray | None]:
+    """Return the open velocity loop, and what the position loop adds to it, cut at the acceleration set-point.
+
+    Parameters
+    ----------
+    cascade : CascadeController
+    tilts : ndarray of complex, shape (n_plants, n_frequencies)
+        As of `attitude_response`.
+    frequency_hz : ndarray, shape (n_frequencies,)
+
+    Returns
+    -------
+    velocity : ndarray of complex, shape (n_plants, n_frequencies)
+    position : ndarray of complex or None
+        None where positions are not controlled.
+    """
+    s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
+    slope = cascade.derivative * s * _low_pass(s, cascade.derivative_hz)
+    on_error = cascade.proportional_per_s + cascade.integral_per_s2 / s
+    if cascade.slope_of_error:
+        on_error = on_error + slope
+    on_error = on_error * _low_pass(s, cascade.error_hz)
+    on_velocity = on_error if cascade.slope_of_error else on_error + slope
+    held = np.sinc(frequency_hz * cascade.period_s) * delay_response(s, 0.5 * cascade.period_s)
+    to_velocity = held * tilts / s
+    velocity = np.asarray(to_velocity * on_velocity, dtype=np.complex128)
+    if not cascade.position_per_s > 0.0:
+        return velocity, None
+    return velocity, np.asarray(to_velocity * on_error * cascade.position_per_s / s, dtype=np.complex128)
+
+
+def _low_pass(s: ComplexArray, cutoff_hz: float) -> ComplexArray:
+    """Return the response of a first-order low-pass; one where it is switched off."""
+    if not cutoff_hz > 0.0:
+        return np.ones(s.shape, dtype=np.complex128)
+    return np.asarray(1.0 / (1.0 + s / (2.0 * np.pi * cutoff_hz)), dtype=np.complex128)
