@@ -12,6 +12,7 @@ from quadid_logs.align.pool import copies, pool
 from quadid_logs.autopilots import named
 from quadid_logs.control.closed_loop import LoopPart, close_loop
 from quadid_logs.control.findings import find_in_loop
+from quadid_logs.control.outer_findings import find_in_outer
 from quadid_logs.control.outer_loops import outer_loops
 from quadid_logs.control.replay import replay, thinned_from
 from quadid_logs.data.closed_loop import ClosedLoop
@@ -195,7 +196,8 @@ def judge(
     # Several logs may have flown with several controllers.
     closed_loop = None if pooled else _closed_loop(log, data, identification, diagnosis, settings, loop)
     if closed_loop is not None:
-        diagnosis = with_findings(diagnosis, find_in_loop(closed_loop), log.autopilot)
+        outer = find_in_outer(closed_loop.outer, positions_logged=bool(log.position_control))
+        diagnosis = with_findings(diagnosis, [*find_in_loop(closed_loop), *outer], log.autopilot)
     timings = {**timings_s, "identify": identified - began, "control": time.perf_counter() - identified}
     return Result(
         log=log,

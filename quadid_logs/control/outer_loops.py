@@ -319,26 +319,34 @@ def _slope(made: FloatArray, given: FloatArray, clusters: IntArray) -> Estimated
 
 
 def _fit(columns: FloatArray, given: FloatArray, clusters: IntArray) -> list[Estimated] | None:
-    """Return least squares with 95 % intervals by residuals in clusters; None where columns are not independent.
+    """Return least squares with 95 % intervals; None where columns are not independent.
 
-    The sandwich of Liang and Zeger (1986), with Student's t of the clusters' number.
+    The interval begins with that of least squares, by residuals in clusters (the sandwich of Liang and Zeger,
+    1986, with Student's t of the clusters' number). Rows that miss what the loop saw between them make columns
+    wrong, too, and draw the estimate to zero: regressed the other way round it is too large by as much, and the
+    interval ends there (Frisch's bounds, 1934).
     """
     n_clusters = int(clusters.max()) + 1
     scale = np.sqrt(np.mean(columns**2, axis=0))
     if n_clusters < _FEWEST_CLUSTERS or not (scale > 0.0).all():
         return None
     columns = columns / scale
-    values, _, rank, _ = np.linalg.lstsq(columns, given, rcond=None)
-    if rank < columns.shape[1]:
+    if np.linalg.matrix_rank(columns) < columns.shape[1]:
         return None
     bread = np.linalg.inv(columns.T @ columns)
+    values = bread @ (columns.T @ given)
+    left = given - columns @ values
     scores = np.zeros((n_clusters, columns.shape[1]))
-    np.add.at(scores, clusters, columns * (given - columns @ values)[:, np.newaxis])
+    np.add.at(scores, clusters, columns * left[:, np.newaxis])
     covariance = bread @ (scores.T @ scores) @ bread * n_clusters / (n_clusters - 1.0)
     half = student_95(n_clusters - 1) * np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
+    # Of a column less the others the sum of squares is one over the diagonal of the inverse.
+    other_way = values + np.divide(
+        left @ left * np.diag(bread), values, where=values != 0.0, out=np.full(values.shape, np.inf)
+    )
     return [
-        Estimated(float(value), (float(value - wide), float(value + wide)))
-        for value, wide in zip(values / scale, half, strict=True)
+        Estimated(float(value), (float(min(value, other) - wide), float(max(value, other) + wide)))
+        for value, other, wide in zip(values / scale, other_way / scale, half, strict=True)
     ]
 
 
