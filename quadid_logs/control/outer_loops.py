@@ -32,6 +32,7 @@ from quadid_logs.data.outer_loops import (
     ShaperReplay,
     ShaperRows,
     Shown,
+    shown_by,
 )
 from quadid_logs.maths.band import ComplexArray, delay_response
 from quadid_logs.maths.intervals import inside
@@ -107,7 +108,7 @@ def outer_loops(
         loops = {
             axis: found
             for axis in TILTS
-            if not _differs(replays.get(axis), command)
+            if axis not in replays or replays[axis].shown is not Shown.DIFFERS
             and (found := _loop_of(closed, axis, command, horizontal)) is not None
         }
     return OuterLoops(
@@ -117,11 +118,6 @@ def outer_loops(
         cascades=cascades,
         loops=loops,
     )
-
-
-def _differs(replay: AttitudeReplay | None, command: AttitudeCommand) -> bool:
-    """Tell whether the log contradicts the angle loop; what is named as not modelled is no contradiction."""
-    return replay is not None and replay.shown is Shown.DIFFERS and not command.not_modelled
 
 
 def attitude_replays(rows: AttitudeRows, command: AttitudeCommand) -> dict[str, AttitudeReplay]:
@@ -148,10 +144,12 @@ def _attitude_replay(rows: AttitudeRows, number: int, command: AttitudeCommand) 
     kept = off <= np.quantile(off, _KEPT)
     size, left = _rms(logged[kept]), _rms(off[kept])
     gain = _slope(made[kept], (logged - forward)[kept], _clusters(rows.time_s[kept]))
-    small = size < _LEAST_RATE or left < _LEAST_RATE
-    shown = Shown.AGREES if left <= _SAME_LAW * size else Shown.NOT_SHOWN if small else Shown.DIFFERS
-    if shown is Shown.DIFFERS and command.not_modelled:
-        shown = Shown.NOT_SHOWN
+    # What something else added to the set-point, as an excitation, leaves the gain as it was.
+    other = gain is not None and shown_by(gain) is Shown.DIFFERS and not command.not_modelled
+    if left <= _SAME_LAW * size:
+        shown = Shown.AGREES
+    else:
+        shown = Shown.DIFFERS if other and min(size, left) >= _LEAST_RATE else Shown.NOT_SHOWN
     return AttitudeReplay(
         shown=shown,
         relative_rms=left / size if size > 0.0 else float("nan"),

@@ -29,8 +29,10 @@ from quadid_logs.maths.rotations import (
 )
 
 #: Attitude and set-point of the loop that made a rate set-point are no older than this [s]: loops take 4 ms or
-#: more, and what follows in one of them takes less.
+#: more, and what follows in one of them takes less. A set-point of the position controller, which is slower, may
+#: be older by one loop; those are asked where newer ones are too few.
 _SAME_LOOP_S: Final = 2e-3
+_LOOP_BEFORE_S: Final = 6e-3
 #: Fewer rows of one loop tell nothing; more than a minute's at 400 Hz tell nothing new.
 _FEWEST_ROWS, _MOST_ROWS = 50, 24_000
 #: Below, a yaw weight switches the heading off (`setProportionalGain`).
@@ -210,10 +212,13 @@ def attitude_rows(
     if min(each.n_samples for each in (attitude, wanted, rate)) < _FEWEST_ROWS:
         return None
     usable = within(rate.time_s, intervals) & possible(rate.values) & (rate.values != 0.0).any(axis=1)
-    now, fresh = _latest(attitude, rate.time_s)
-    asked, current = _latest(wanted, rate.time_s)
-    chosen = np.flatnonzero(usable & fresh & current)[:_MOST_ROWS]
-    if chosen.size < _FEWEST_ROWS:
+    now, fresh = _latest(attitude, rate.time_s, _SAME_LOOP_S)
+    for oldest_s in (_SAME_LOOP_S, _LOOP_BEFORE_S):
+        asked, current = _latest(wanted, rate.time_s, oldest_s)
+        chosen = np.flatnonzero(usable & fresh & current)[:_MOST_ROWS]
+        if chosen.size >= _FEWEST_ROWS:
+            break
+    else:
         return None
     body = quaternion_from_euler(attitude.values[now[chosen]])
     error = multiply_quaternions(conjugate(body), quaternion_from_euler(wanted.values[asked[chosen]]))
@@ -225,11 +230,11 @@ def attitude_rows(
     )
 
 
-def _latest(signal: Signal, time_s: FloatArray) -> tuple[IntArray, BoolArray]:
-    """Return the row before each time, and whether it is of the same loop and holds numbers."""
+def _latest(signal: Signal, time_s: FloatArray, oldest_s: float) -> tuple[IntArray, BoolArray]:
+    """Return the row before each time, and whether it is new enough and holds numbers."""
     place, row = last_before(signal.time_s, time_s)
     age_s = time_s - signal.time_s[row]
-    fresh = (place >= 0) & (age_s <= _SAME_LOOP_S) & possible(signal.values)[row]
+    fresh = (place >= 0) & (age_s <= oldest_s) & possible(signal.values)[row]
     return row, np.asarray(fresh, dtype=np.bool_)
 
 
