@@ -9,6 +9,7 @@ from quadid_logs.control.room import Room, figures, room_of
 from quadid_logs.data.closed_loop import Estimated, Margins
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.outer_loops import CascadeReplay, OuterLoop, OuterLoops, Shown, shown_by
+from quadid_logs.data.tuning import POOR
 from quadid_logs.diagnose.findings import finding, rounded
 
 #: An attitude that follows as a lag does, with its bandwidth at so many times the crossover of the velocity loop,
@@ -21,8 +22,7 @@ _WORDS: Final = {"velocity": "velocity loop", "whole": "velocity loop with the p
 _TITLES: Final = {
     Room.UNSTABLE: "With the controllers of the parameters, the {loop} is unstable in this model",
     Room.POOR: "The {loop} is close to instability",
-    Room.LITTLE: "The {loop} has less margin than required",
-    Room.PERHAPS_LITTLE: "The {loop} may have less margin than required",
+    Room.PERHAPS_LITTLE: "The {loop} may be close to instability",
 }
 
 
@@ -96,7 +96,9 @@ def _differing(found: CascadeReplay) -> dict[str, object]:
 
 def _margins(loops: Mapping[str, OuterLoop]) -> Iterator[Finding]:
     """Yield the finding about the velocity loop with all that is known to close it, where it lacks margin."""
-    rooms = {axis: room_of(outermost(found)) for axis, found in loops.items()}
+    # With the firmwares' own gains 40 to 80 degrees are left, which flies well: only the
+    # limits below which a loop is close to instability judge these.
+    rooms = {axis: room_of(outermost(found), POOR) for axis, found in loops.items()}
     lacking = {axis: room for axis, room in rooms.items() if room is not Room.ENOUGH}
     if not lacking:
         return

@@ -469,13 +469,14 @@ def cascade_loops(
         None where positions are not controlled.
     """
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
-    slope = cascade.derivative * s * _low_pass(s, cascade.derivative_hz)
-    on_error = cascade.proportional_per_s + cascade.integral_per_s2 / s
+    step_s, late = cascade.period_s, np.asarray(np.exp(-s * cascade.period_s), dtype=np.complex128)
+    slope = cascade.derivative * (1.0 - late) / step_s * _low_pass(late, cascade.derivative_hz, step_s)
+    on_error = cascade.proportional_per_s + cascade.integral_per_s2 * step_s / (1.0 - late)
     if cascade.slope_of_error:
         on_error = on_error + slope
-    on_error = on_error * _low_pass(s, cascade.error_hz)
+    on_error = on_error * _low_pass(late, cascade.error_hz, step_s)
     on_velocity = on_error if cascade.slope_of_error else on_error + slope
-    held = np.sinc(frequency_hz * cascade.period_s) * delay_response(s, 0.5 * cascade.period_s)
+    held = np.sinc(frequency_hz * step_s) * delay_response(s, 0.5 * step_s)
     to_velocity = held * tilts / s
     velocity = np.asarray(to_velocity * on_velocity, dtype=np.complex128)
     if not cascade.position_per_s > 0.0:
@@ -483,8 +484,9 @@ def cascade_loops(
     return velocity, np.asarray(to_velocity * on_error * cascade.position_per_s / s, dtype=np.complex128)
 
 
-def _low_pass(s: ComplexArray, cutoff_hz: float) -> ComplexArray:
-    """Return the response of a first-order low-pass; one where it is switched off."""
+def _low_pass(late: ComplexArray, cutoff_hz: float, step_s: float) -> ComplexArray:
+    """Return the response of a first-order low-pass in steps, ``late`` being a step's delay; one without it."""
     if not cutoff_hz > 0.0:
-        return np.ones(s.shape, dtype=np.complex128)
-    return np.asarray(1.0 / (1.0 + s / (2.0 * np.pi * cutoff_hz)), dtype=np.complex128)
+        return np.ones(late.shape, dtype=np.complex128)
+    weight = step_s / (step_s + 1.0 / (2.0 * np.pi * cutoff_hz))
+    return np.asarray(weight / (1.0 - (1.0 - weight) * late), dtype=np.complex128)

@@ -704,10 +704,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL652",
-                "The velocity loop has less margin than required",
-                "The velocity and position controllers of the parameters are closed around the attitude "
-                "loop. Too little margin shows as a slow sway of some seconds while the vehicle holds a "
-                "position.",
+                "The velocity loop is close to instability",
+                "The velocity and position controllers of the parameters, closed around the attitude loop, "
+                "leave less than 30 degrees or 4 dB. It shows as a slow sway of some seconds while the vehicle "
+                "holds a position.",
                 "Fly by attitude until this is cleared. Compare the gains of the position and velocity "
                 "controllers with the firmware's defaults.",
                 scope="loop",
