@@ -15,7 +15,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray, runs
 from quadid_logs.control.attitude import bandwidth_hz
-from quadid_logs.control.loop import close, integrators, on_angle
+from quadid_logs.control.loop import integrators, on_angle, on_rate
 from quadid_logs.control.margins import grid_hz, is_stable, margins_of
 from quadid_logs.data.closed_loop import ClosedLoop, Estimated, Plant
 from quadid_logs.data.controller import AxisController
@@ -392,9 +392,11 @@ def close_outer(
     if not controller.angle_gain_per_s:
         return None
     every_hz = grid_hz(controller.period_s)
-    frequency_hz = every_hz[every_hz <= _HIGHEST_HZ]
-    tilts = attitude_response(controller, plants, command, frequency_hz)
-    unstable = ~_stable_attitude(controller, plants, every_hz)
+    loop, answer = _attitude_loop(controller, plants, every_hz)
+    unstable = ~is_stable(loop, integrators(controller) + 1, plants.damping > 0.0)
+    low = every_hz <= _HIGHEST_HZ
+    frequency_hz = every_hz[low]
+    tilts = answer[:, low] * _commanded(controller, command, frequency_hz)
     velocity, position = cascade_loops(cascade, tilts, frequency_hz)
     n = 1 + int(cascade.integral_per_s2 > 0.0)
     widths_hz = bandwidth_hz(frequency_hz, tilts)
@@ -408,43 +410,25 @@ def close_outer(
     )
 
 
-def _stable_attitude(controller: AxisController, plants: Plant, frequency_hz: FloatArray) -> BoolArray:
-    """Tell for each vehicle whether its attitude loop is stable."""
-    full = close(controller, plants, frequency_hz).full
-    if full is None:
-        return np.ones(plants.effectiveness.shape, dtype=np.bool_)
-    return is_stable(full, integrators(controller) + 1, plants.damping > 0.0)
+def _attitude_loop(
+    controller: AxisController, plants: Plant, frequency_hz: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return the whole open loop, cut at the mixer, and how the attitude answers its target by its error alone."""
+    body = plants.response(frequency_hz, controller.period_s)
+    by_angle = body * on_angle(controller, frequency_hz)
+    loop = body * on_rate(controller, frequency_hz) + by_angle
+    return loop, np.asarray(by_angle / (1.0 + loop), dtype=np.complex128)
 
 
-def attitude_response(
-    controller: AxisController, plants: Plant, command: AttitudeCommand, frequency_hz: FloatArray
-) -> ComplexArray:
-    """Return how the attitude answers a wanted attitude, for small changes.
+def _commanded(controller: AxisController, command: AttitudeCommand, frequency_hz: FloatArray) -> ComplexArray:
+    """Return what stands before the attitude's target: the lags to it, and its rate that is fed forward.
 
-    Parameters
-    ----------
-    controller : AxisController
-        With its angle gain.
-    plants : Plant
-    command : AttitudeCommand
-    frequency_hz : ndarray, shape (n_frequencies,)
-
-    Returns
-    -------
-    ndarray of complex, shape (n_plants, n_frequencies)
-
-    Notes
-    -----
-    The target's own rate enters where the angle loop's rate does, so that it counts as s over the angle gain
-    beside one.
+    That rate enters where the angle loop's does: it counts as s over the angle gain, beside one.
     """
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
-    body = plants.response(frequency_hz, controller.period_s)
-    loop = close(controller, plants, frequency_hz, body)
-    by_angle = body * on_angle(controller, frequency_hz)
-    answer = by_angle / (1.0 + loop.rate + by_angle)
+    answer = np.ones(s.shape, dtype=np.complex128)
     if command.forward and controller.angle_gain_per_s:
-        answer = answer * (1.0 + s / controller.angle_gain_per_s)
+        answer = answer + s / controller.angle_gain_per_s
     for lag_s in command.lags_s:
         answer = answer / (1.0 + s * lag_s)
     return np.asarray(answer, dtype=np.complex128)
@@ -459,7 +443,7 @@ def cascade_loops(
     ----------
     cascade : CascadeController
     tilts : ndarray of complex, shape (n_plants, n_frequencies)
-        As of `attitude_response`.
+        How the attitude answers a wanted attitude.
     frequency_hz : ndarray, shape (n_frequencies,)
 
     Returns
