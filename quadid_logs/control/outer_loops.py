@@ -46,8 +46,6 @@ TILTS: Final = ("roll", "pitch")
 _KEPT: Final = 0.95
 #: A replay that leaves more than a twentieth is another law, as of the rate controllers.
 _SAME_LAW: Final = 0.05
-#: Below the resolution of a gyro (2000 deg/s in 16 bits) no rate set-point tells anything [rad/s].
-_LEAST_RATE: Final = np.radians(2000.0 / 32768.0)
 _FEWEST_ROWS: Final = 50
 #: Errors of neighbouring rows are alike: clusters as long as filters of a velocity loop remember [s].
 _CLUSTER_S: Final = 1.0
@@ -144,12 +142,10 @@ def _attitude_replay(rows: AttitudeRows, number: int, command: AttitudeCommand) 
     kept = off <= np.quantile(off, _KEPT)
     size, left = _rms(logged[kept]), _rms(off[kept])
     gain = _slope(made[kept], (logged - forward)[kept], _clusters(rows.time_s[kept]))
-    # What something else added to the set-point, as an excitation, leaves the gain as it was.
-    other = gain is not None and shown_by(gain) is Shown.DIFFERS and not command.not_modelled
-    if left <= _SAME_LAW * size:
-        shown = Shown.AGREES
-    else:
-        shown = Shown.DIFFERS if other and min(size, left) >= _LEAST_RATE else Shown.NOT_SHOWN
+    # What is fed forward can hide the gain in the sum, and what else was added, as an excitation, the sum.
+    shown = Shown.NOT_SHOWN if gain is None or command.not_modelled else shown_by(gain)
+    if shown is Shown.AGREES and left > _SAME_LAW * size:
+        shown = Shown.NOT_SHOWN
     return AttitudeReplay(
         shown=shown,
         relative_rms=left / size if size > 0.0 else float("nan"),
