@@ -196,7 +196,7 @@ def judge(
     # Several logs may have flown with several controllers.
     closed_loop = None if pooled else _closed_loop(log, data, identification, diagnosis, settings, loop)
     if closed_loop is not None:
-        outer = find_in_outer(closed_loop.outer, positions_logged=bool(log.position_control))
+        outer = find_in_outer(closed_loop.outer, log.position_control)
         diagnosis = with_findings(diagnosis, [*find_in_loop(closed_loop), *outer], log.autopilot)
     timings = {**timings_s, "identify": identified - began, "control": time.perf_counter() - identified}
     return Result(

@@ -156,7 +156,7 @@ class Autopilot:
         return {}
 
     def outer_controllers(self, parameters: Mapping[str, float]) -> OuterControllers | None:  # noqa: ARG002
-        """Return the attitude, velocity and position controllers of these parameters; None for unknown ones."""
+        """Return the controllers around the rate loop by these parameters; None where they are not known."""
         return None
 
     def attitude_rows(
@@ -174,7 +174,7 @@ class Autopilot:
         parameters: Mapping[str, float],  # noqa: ARG002
         intervals: Sequence[tuple[float, float]],  # noqa: ARG002
     ) -> ShaperRows | None:
-        """Return wanted angles, and what an input shaper makes of them; None without one, or without angles."""
+        """Return wanted angles, and what an input shaper makes of them; None where either is missing."""
         return None
 
     def tunable(self, parameters: Mapping[str, float]) -> Tunable | None:  # noqa: ARG002

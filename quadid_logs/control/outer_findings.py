@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
+from quadid_logs.control.outer_loops import FEWEST_ROWS
 from quadid_logs.control.room import Room, figures, room_of
 from quadid_logs.data.closed_loop import Estimated, Margins
-from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.diagnosis import Finding, Level
+from quadid_logs.data.log import PositionRows
 from quadid_logs.data.outer_loops import CascadeReplay, OuterLoop, OuterLoops, Shown, shown_by
 from quadid_logs.data.tuning import POOR
 from quadid_logs.diagnose.findings import finding, rounded
 
-#: An attitude that follows as a lag does, with its bandwidth at so many times the crossover of the velocity loop,
-#: takes atan(1 / 2.5) = 22 degrees from it. A velocity loop has 90 less atan(I / (P w)), 76 with the firmwares'
-#: gains (I = P / 2 or less, crossover at P), so that less than 45 + 9 degrees would be left.
+#: An attitude that follows as a lag does, with its bandwidth at so many times the crossover of the velocity
+#: loop, takes atan(1 / 2.5) = 22 degrees from it. A velocity loop has 90 less atan(I / (P w)), 76 with the
+#: firmwares' gains (I = P / 2 or less, crossover at P), so that less than 45 + 9 degrees would be left.
 _FASTER: Final = 2.5
 #: Below, a velocity set-point rests: noise of receivers is as large [m/s].
 _MOVED_M_S: Final = 0.3
@@ -26,14 +28,14 @@ _TITLES: Final = {
 }
 
 
-def find_in_outer(outer: OuterLoops | None, *, positions_logged: bool) -> Iterator[Finding]:
+def find_in_outer(outer: OuterLoops | None, positions: Sequence[PositionRows]) -> Iterator[Finding]:
     """Yield the findings about the loops around the rate loop.
 
     Parameters
     ----------
     outer : OuterLoops or None
-    positions_logged : bool
-        The log holds messages of the position controllers.
+    positions : sequence of PositionRows
+        What the log holds of the position controllers.
 
     Yields
     ------
@@ -47,11 +49,15 @@ def find_in_outer(outer: OuterLoops | None, *, positions_logged: bool) -> Iterat
     slow = {axis: found for axis, found in outer.loops.items() if _slow(found)}
     if slow:
         evidence: dict[str, object] = {
-            axis: {"attitude_hz": rounded(found.attitude_hz.value, 3), "velocity_crossover_hz": _crossover(found)}
+            axis: {
+                "attitude_hz": rounded(found.attitude_hz.value, 3),
+                "velocity_crossover_hz": _crossover(found),
+            }
             for axis, found in slow.items()
         }
         yield finding("QL653", "info", evidence, axes=tuple(slow))
-    if positions_logged and not outer.loops:
+    flown = any(each.rows.n_samples >= FEWEST_ROWS for each in positions)
+    if flown and not outer.loops:
         yield finding("QL655", "info", _why_none(outer))
 
 
@@ -96,7 +102,7 @@ def _differing(found: CascadeReplay) -> dict[str, object]:
 
 def _margins(loops: Mapping[str, OuterLoop]) -> Iterator[Finding]:
     """Yield the finding about the velocity loop with all that is known to close it, where it lacks margin."""
-    # With the firmwares' own gains 40 to 80 degrees are left, which flies well: only the
+    # With the default gains of firmwares 40 to 80 degrees are left, which flies well: only the
     # limits below which a loop is close to instability judge these.
     rooms = {axis: room_of(outermost(found), POOR) for axis, found in loops.items()}
     lacking = {axis: room for axis, room in rooms.items() if room is not Room.ENOUGH}
@@ -106,7 +112,7 @@ def _margins(loops: Mapping[str, OuterLoop]) -> Iterator[Finding]:
     name = "whole" if any(loops[axis].whole is not None for axis in lacking) else "velocity"
     evidence: dict[str, object] = {axis: _figures(outermost(loops[axis])) for axis in lacking}
     title = _TITLES[worst].format(loop=_WORDS[name])
-    level = "warning" if worst <= Room.POOR else "info"
+    level: Level = "warning" if worst <= Room.POOR else "info"
     yield finding("QL652", level, evidence, axes=tuple(lacking), title=title)
 
 

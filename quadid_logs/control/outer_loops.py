@@ -1,9 +1,9 @@
 """The loops around the rate loop: the controllers replayed, and velocity and position loops closed.
 
-Tilt about an axis makes acceleration along a horizontal one, and the firmware turns accelerations into angles by
-the same law, so that gravity cancels: from the acceleration that is wanted to the one that is had lies the
-attitude loop, closed around the identified vehicle, and two integrations. Air drag is left out, which would give
-phase rather than take it, and so is the estimator, whose delay no log shows.
+Tilt about an axis makes acceleration along a horizontal one, and the firmware turns accelerations into angles
+by the same law, so that gravity cancels: from the acceleration that is wanted to the one that is had lies the
+attitude loop, closed around the identified vehicle, and two integrations. Air drag is left out, which would
+give phase rather than take it, and so is the estimator, whose delay no log shows.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray, runs
+from quadid_logs.arrays import FloatArray, IntArray, runs
 from quadid_logs.control.attitude import bandwidth_hz
 from quadid_logs.control.loop import integrators, on_angle, on_rate
 from quadid_logs.control.margins import grid_hz, is_stable, margins_of
@@ -46,14 +46,16 @@ TILTS: Final = ("roll", "pitch")
 _KEPT: Final = 0.95
 #: A replay that leaves more than a twentieth is another law, as of the rate controllers.
 _SAME_LAW: Final = 0.05
-_FEWEST_ROWS: Final = 50
+#: Rows that tell something of a controller.
+FEWEST_ROWS: Final = 50
 #: Errors of neighbouring rows are alike: clusters as long as filters of a velocity loop remember [s].
 _CLUSTER_S: Final = 1.0
 #: Fewer clusters have no covariance to speak of.
 _FEWEST_CLUSTERS: Final = 8
 #: Between rows signals are interpolated so finely that filters of 5 Hz do not see the steps [s].
 _STEP_S: Final = 0.02
-#: Rows slower than this cannot show a velocity controller, whose crossover lies at some tenths of a hertz [s].
+#: Rows slower than this cannot show a velocity controller, whose crossover lies at some tenths of a hertz
+#: [s].
 _SLOWEST_S: Final = 0.5
 #: A longer step than so many typical ones is a gap.
 _GAP: Final = 3.0
@@ -92,22 +94,20 @@ def outer_loops(
     """
     command, horizontal = controllers.attitude, controllers.horizontal
     replays = {} if attitude is None else attitude_replays(attitude, command)
-    cascades = {}
+    cascades, loops = {}, {}
     if horizontal is not None:
         cascades = {
-            each.direction: found
+            each.direction: replay
             for each in positions
-            if (found := cascade_replay(each, horizontal, intervals)) is not None
+            if (replay := cascade_replay(each, horizontal, intervals)) is not None
         }
-    loops = {}
-    if horizontal is not None and cascades and all(
-        each.shown is not Shown.DIFFERS for each in cascades.values()
-    ):
+        agreed = all(each.shown is not Shown.DIFFERS for each in cascades.values())
+        differing = [axis for axis, replay in replays.items() if replay.shown is Shown.DIFFERS]
         loops = {
-            axis: found
+            axis: loop
             for axis in TILTS
-            if axis not in replays or replays[axis].shown is not Shown.DIFFERS
-            and (found := _loop_of(closed, axis, command, horizontal)) is not None
+            if cascades and agreed and axis not in differing
+            if (loop := _loop_of(closed, axis, command, horizontal)) is not None
         }
     return OuterLoops(
         controllers=controllers,
@@ -131,7 +131,7 @@ def attitude_replays(rows: AttitudeRows, command: AttitudeCommand) -> dict[str, 
     dict of str to AttitudeReplay
         By axis; empty where the rows are too few.
     """
-    if len(rows.time_s) < _FEWEST_ROWS:
+    if len(rows.time_s) < FEWEST_ROWS:
         return {}
     return {axis: _attitude_replay(rows, number, command) for number, axis in enumerate(AXES)}
 
@@ -159,7 +159,7 @@ def _shaper_replays(rows: ShaperRows) -> dict[str, ShaperReplay]:
     found = {}
     for number, axis in enumerate(TILTS):
         size = float(np.std(rows.logged[:, number]))
-        if len(rows.logged) >= _FEWEST_ROWS and size > 0.0:
+        if len(rows.logged) >= FEWEST_ROWS and size > 0.0:
             found[axis] = ShaperReplay(
                 relative_rms=float(np.std(rows.shaped[:, number] - rows.logged[:, number])) / size,
                 unshaped_rms=float(np.std(rows.wanted[:, number] - rows.logged[:, number])) / size,
@@ -195,7 +195,8 @@ def cascade_replay(
     Notes
     -----
     Rows come at 5 to 20 Hz and the controllers run at 50 to 400 Hz: filters and integral see the signals
-    interpolated between rows, and the gains are estimated by least squares with residuals in clusters of a second.
+    interpolated between rows, and the gains are estimated by least squares with residuals in clusters of a
+    second.
     """
     run = _longest_run(rows, intervals, ("velocity_target", "velocity"))
     if run is None:
@@ -235,14 +236,14 @@ def _longest_run(
         return None
     joined = (step_s > 0.0) & (step_s < _GAP * typical_s) & usable[1:] & usable[:-1]
     first, end = max(runs(joined), key=lambda each: each[1] - each[0], default=(0, 0))
-    if end - first < _FEWEST_ROWS:
+    if end - first < FEWEST_ROWS:
         return None
     part = slice(first, end + 1)
     return _Run(time_s[part], {name: each[part] for name, each in rows.values.items()})
 
 
 def _position(run: _Run, controller: CascadeController) -> tuple[Estimated | None, float, float]:
-    """Return the position controller's gain over that of the parameters, what it leaves, and the error [m]."""
+    """Return the position gain over that of the parameters, what it leaves, and the error [m]."""
     values, nothing = run.values, (None, float("nan"), float("nan"))
     names = ("position_target", "position", "velocity_forward")
     if any(name not in values for name in names) or not controller.position_per_s > 0.0:
@@ -250,7 +251,7 @@ def _position(run: _Run, controller: CascadeController) -> tuple[Estimated | Non
     made = controller.position_per_s * (values["position_target"] - values["position"])
     given = values["velocity_target"] - values["velocity_forward"]
     known = (np.abs(made) < _IMPOSSIBLE) & (np.abs(given) < _IMPOSSIBLE)
-    if np.count_nonzero(known) < _FEWEST_ROWS:
+    if np.count_nonzero(known) < FEWEST_ROWS:
         return nothing
     made, given = made[known], given[known]
     gain = _slope(made, given, _clusters(run.time_s[known]))
@@ -259,16 +260,14 @@ def _position(run: _Run, controller: CascadeController) -> tuple[Estimated | Non
     return gain, left, _rms(made) / controller.position_per_s
 
 
-def _velocity(
-    run: _Run, controller: CascadeController
-) -> tuple[Estimated | None, Estimated | None, float]:
+def _velocity(run: _Run, controller: CascadeController) -> tuple[Estimated | None, Estimated | None, float]:
     """Return P and I of the velocity controller over those of the parameters, and what it leaves."""
     values, nothing = run.values, (None, None, float("nan"))
     if "acceleration_target" not in values or "acceleration_forward" not in values:
         return nothing
     given = values["acceleration_target"] - values["acceleration_forward"]
     known = np.abs(given) < _IMPOSSIBLE
-    if np.count_nonzero(known) < _FEWEST_ROWS:
+    if np.count_nonzero(known) < FEWEST_ROWS:
         return nothing
     proportional, integral, slope = _terms(run, controller)
     regressors = [proportional] + ([integral] if controller.integral_per_s2 > 0.0 else [])
@@ -316,9 +315,9 @@ def _fit(columns: FloatArray, given: FloatArray, clusters: IntArray) -> list[Est
     """Return least squares with 95 % intervals; None where columns are not independent.
 
     The interval begins with that of least squares, by residuals in clusters (the sandwich of Liang and Zeger,
-    1986, with Student's t of the clusters' number). Rows that miss what the loop saw between them make columns
-    wrong, too, and draw the estimate to zero: regressed the other way round it is too large by as much, and the
-    interval ends there (Frisch's bounds, 1934).
+    1986, with Student's t of the clusters' number). Rows that miss what the loop saw between them make
+    columns wrong, too, and draw the estimate to zero: regressed the other way round it is too large by as
+    much, and the interval ends there (Frisch's bounds, 1934).
     """
     n_clusters = int(clusters.max()) + 1
     scale = np.sqrt(np.mean(columns**2, axis=0))
@@ -409,14 +408,16 @@ def close_outer(
 def _attitude_loop(
     controller: AxisController, plants: Plant, frequency_hz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return the whole open loop, cut at the mixer, and how the attitude answers its target by its error alone."""
+    """Return the whole open loop, cut at the mixer, and how attitude answers its target by its error."""
     body = plants.response(frequency_hz, controller.period_s)
     by_angle = body * on_angle(controller, frequency_hz)
     loop = body * on_rate(controller, frequency_hz) + by_angle
     return loop, np.asarray(by_angle / (1.0 + loop), dtype=np.complex128)
 
 
-def _commanded(controller: AxisController, command: AttitudeCommand, frequency_hz: FloatArray) -> ComplexArray:
+def _commanded(
+    controller: AxisController, command: AttitudeCommand, frequency_hz: FloatArray
+) -> ComplexArray:
     """Return what stands before the attitude's target: the lags to it, and its rate that is fed forward.
 
     That rate enters where the angle loop's does: it counts as s over the angle gain, beside one.
@@ -433,7 +434,7 @@ def _commanded(controller: AxisController, command: AttitudeCommand, frequency_h
 def cascade_loops(
     cascade: CascadeController, tilts: ComplexArray, frequency_hz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray | None]:
-    """Return the open velocity loop, and what the position loop adds to it, cut at the acceleration set-point.
+    """Return the open velocity loop and what the position loop adds, cut at the acceleration set-point.
 
     Parameters
     ----------
@@ -465,7 +466,7 @@ def cascade_loops(
 
 
 def _low_pass(late: ComplexArray, cutoff_hz: float, step_s: float) -> ComplexArray:
-    """Return the response of a first-order low-pass in steps, ``late`` being a step's delay; one without it."""
+    """Return the response of a first-order low-pass; ``late`` is a step's delay, a cut-off of 0 is none."""
     if not cutoff_hz > 0.0:
         return np.ones(late.shape, dtype=np.complex128)
     weight = step_s / (step_s + 1.0 / (2.0 * np.pi * cutoff_hz))

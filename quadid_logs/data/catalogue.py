@@ -689,7 +689,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Replayed from logged attitudes and their set-points, the attitude controller does not give "
                 "the logged rate set-points. Margins with the angle loop are those of another gain, and no "
                 "velocity loop is closed.",
-                "Check that the gain of the attitude controller was not changed in flight, and fly once more.",
+                "Check that no gain of the attitude controller was changed in flight, and fly once more.",
                 scope="loop",
             ),
             _entry(
@@ -706,8 +706,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL652",
                 "The velocity loop is close to instability",
                 "The velocity and position controllers of the parameters, closed around the attitude loop, "
-                "leave less than 30 degrees or 4 dB. It shows as a slow sway of some seconds while the vehicle "
-                "holds a position.",
+                "leave less than 30 degrees or 4 dB. It shows as a slow sway of some seconds while the "
+                "vehicle holds a position.",
                 "Fly by attitude until this is cleared. Compare the gains of the position and velocity "
                 "controllers with the firmware's defaults.",
                 scope="loop",
@@ -724,17 +724,17 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL654",
                 "The vehicle did not follow its velocity set-point",
                 "The velocity was off its set-point by more than the set-point itself moved: a vehicle that "
-                "had not answered at all would have been nearer to it. Wind, limits of the tilt, or a velocity "
-                "loop that sways do that.",
+                "had not answered at all would have been nearer to it. Wind, limits of the tilt, or a "
+                "velocity loop that sways do that.",
                 "Look at the tilt limit and at the wind of that flight.",
                 scope="loop",
             ),
             _entry(
                 "QL655",
                 "The velocity loop is not closed",
-                "The log holds messages of the position controller. A gain is not known, the rows are too few "
-                "or too slow, or the attitude loop inside is not known well enough: nothing is said of the "
-                "velocity and position loops.",
+                "The log holds messages of the position controller. A gain is not known, the rows are too "
+                "few or too slow, or the attitude loop inside is not known well enough: nothing is said of "
+                "the velocity and position loops.",
                 "Log all parameters, and fly manoeuvres that make roll and pitch usable.",
                 scope="loop",
             ),

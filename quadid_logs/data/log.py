@@ -268,8 +268,8 @@ class PositionRows:
         Of the message that they are logged in.
     values : mapping of str to ndarray, shape (n_samples,)
         "position_target", "position" [m]; "velocity_forward", the set-point that is added behind the position
-        controller, "velocity_target", "velocity" [m/s]; "acceleration_forward", "acceleration_target" [m/s^2],
-        as far as the log has them. NaN where nothing is commanded.
+        controller, "velocity_target", "velocity" [m/s]; "acceleration_forward", "acceleration_target"
+        [m/s^2], as far as the log has them. NaN where nothing is commanded.
     """
 
     direction: str

@@ -1,4 +1,4 @@
-"""The loops around the rate loop: attitude, velocity and position, as they flew, and what was found of them."""
+"""The loops around the rate loop (attitude, velocity and position), and what was found of them."""
 
 from __future__ import annotations
 
@@ -77,9 +77,9 @@ class AttitudeCommand:
 class CascadeController:
     """Position and velocity controller of horizontal directions: what acts while nothing saturates.
 
-    With positions x and velocities v, the velocity target is V = forward + ``position_per_s`` (X - x), and the
-    acceleration target forward + P (V - v) + I times its integral + D times its slope, or less D times the slope
-    of v alone.
+    With positions x and velocities v, the velocity target is V = forward + ``position_per_s`` (X - x), and
+    the acceleration target forward + P (V - v) + I times its integral + D times its slope, or less D times
+    the slope of v alone.
 
     Attributes
     ----------
@@ -164,8 +164,9 @@ class CascadeReplay:
     Attributes
     ----------
     position, velocity, integral : Estimated or None
-        Gains of the position controller, of P and of I of the velocity controller with which the logged targets
-        fit best, over those of the parameters; None where the log does not hold them or they are zero.
+        Gains of the position controller, of P and of I of the velocity controller with which the logged
+        targets fit best, over those of the parameters; None where the log does not hold them or they are
+        zero.
     position_rms, velocity_rms : float
         Of the differences to the logged targets over the rms of what the controllers gave; NaN for none.
     velocity_error_m_s, velocity_moved_m_s : float

@@ -161,7 +161,9 @@ def rotation_vector(quaternion: FloatArray) -> FloatArray:
     shorter = quaternion * np.where(quaternion[:, :1] < 0.0, -1.0, 1.0)
     size = np.linalg.norm(shorter[:, 1:], axis=1)
     # sin(a / 2) over a / 2 goes to one.
-    over = np.divide(2.0 * np.arctan2(size, shorter[:, 0]), size, where=size > 0.0, out=np.full(len(size), 2.0))
+    over = np.divide(
+        2.0 * np.arctan2(size, shorter[:, 0]), size, where=size > 0.0, out=np.full(len(size), 2.0)
+    )
     return np.asarray(shorter[:, 1:] * over[:, np.newaxis], dtype=np.float64)
 
 

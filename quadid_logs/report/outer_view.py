@@ -1,4 +1,4 @@
-"""What the report says of the loops around the rate loop: sentences and tables, and ``outer`` of result.json."""
+"""What the report and result.json say of the loops around the rate loop."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _cascade_table(outer: OuterLoops) -> Table | None:
         caption="Position and velocity controllers, replayed",
         head=("direction", "controllers", "position", "velocity P", "velocity I", "velocity error [m/s]"),
         rows=tuple(_cascade_row(direction, found) for direction, found in outer.cascades.items()),
-        note="Gains over those of the parameters, with their 95 % intervals. Error: rms of set-point less velocity.",
+        note="Gains over those of the parameters, with 95 % intervals. Error: rms of target less velocity.",
     )
 
 
@@ -186,7 +186,11 @@ def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | 
             for axis, found in outer.attitude.items()
         },
         "shaper": {
-            axis: {"relative_rms": found.relative_rms, "unshaped_rms": found.unshaped_rms, "n_rows": found.n_rows}
+            axis: {
+                "relative_rms": found.relative_rms,
+                "unshaped_rms": found.unshaped_rms,
+                "n_rows": found.n_rows,
+            }
             for axis, found in outer.shaper.items()
         },
         "cascades": {direction: _cascade(found) for direction, found in outer.cascades.items()},

@@ -48,8 +48,8 @@ from quadid_logs.simulate.effects import (
 from quadid_logs.simulate.faults import MotorFaults, RotorVibration
 from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.outputs import OutputCurve, output_curve
-from quadid_logs.simulate.position_hold import DIRECTIONS, VALUES, Navigator, PositionHold
 from quadid_logs.simulate.plant import Body, State, advance, at_rest
+from quadid_logs.simulate.position_hold import DIRECTIONS, VALUES, Navigator, PositionHold
 from quadid_logs.simulate.wind import Wind, dryden_wind
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
@@ -213,7 +213,10 @@ EXTRA: Final = (
     Channel("scale", 3),
 )
 #: Of flights that hold positions: values of both directions, and the attitude's target.
-NAVIGATION: Final = (Channel("position_control", len(VALUES) * len(DIRECTIONS)), Channel("attitude_target", 3))
+NAVIGATION: Final = (
+    Channel("position_control", len(VALUES) * len(DIRECTIONS)),
+    Channel("attitude_target", 3),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -224,9 +227,9 @@ class Record:
     ----------
     time_s : ndarray, shape (n_steps,)
     channels : mapping of str to ndarray, shape (n_steps, n_columns) or (n_flights, n_steps, n_columns)
-        By the names of `CORE`, `EXTRA` and, where positions are held, `NAVIGATION`. ``command`` is exactly what enters
-        the mixer, ``achieved`` what it made of it; ``gyro`` is unfiltered,
-        ``torque`` [N m] and ``rate`` [rad/s] are true.
+        By the names of `CORE`, `EXTRA` and, where positions are held, `NAVIGATION`. ``command`` is exactly
+        what enters the mixer, ``achieved`` what it made of it; ``gyro`` is unfiltered, ``torque`` [N m] and
+        ``rate`` [rad/s] are true.
     setups : tuple of Setup
     """
 

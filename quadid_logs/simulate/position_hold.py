@@ -111,8 +111,10 @@ class Navigator:
             self._row = (*rows[0], *rows[1])
             pitch = math.atan2(-rows[0][-1], GRAVITY_M_S2)
             roll = math.atan2(rows[1][-1] * math.cos(pitch), GRAVITY_M_S2)
-            self._wanted = tuple(min(max(each, -_STEEPEST), _STEEPEST) for each in (roll, pitch))
-        self._place = [place + self._step_s * speed for place, speed in zip(self._place, velocity[:2], strict=True)]
+            self._wanted = (_tilt(roll), _tilt(pitch))
+        self._place = [
+            place + self._step_s * speed for place, speed in zip(self._place, velocity[:2], strict=True)
+        ]
         return self._shaped()
 
     def _shaped(self) -> Navigated:
@@ -131,6 +133,11 @@ class Navigator:
         forward = (rates[0], rates[1] * math.cos(roll), -rates[1] * math.sin(roll))
         self._target = [roll + self._step_s * rates[0], pitch + self._step_s * rates[1]]
         return Navigated((w, x, y, z), forward, (*self._row, roll, pitch, 0.0))
+
+
+def _tilt(angle_rad: float) -> float:
+    """Return an angle no steeper than tilts may be."""
+    return min(max(angle_rad, -_STEEPEST), _STEEPEST)
 
 
 class _Velocity:
@@ -153,7 +160,12 @@ class _Velocity:
         self._before = speed
         self._slope += self._weight(hold.derivative_hz) * (moved / self._step_s - self._slope)
         self._integral += hold.integral_per_s2 * self._error * self._step_s
-        asked = acceleration + hold.proportional_per_s * self._error + self._integral + hold.derivative * self._slope
+        asked = (
+            acceleration
+            + hold.proportional_per_s * self._error
+            + self._integral
+            + hold.derivative * self._slope
+        )
         return position, place, forward, target, speed, acceleration, asked
 
     def _weight(self, cutoff_hz: float) -> float:

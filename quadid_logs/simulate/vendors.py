@@ -41,8 +41,8 @@ class Vendor:
     """How an autopilot logs.
 
     ``default_rate_hz`` is the main rate without changed log settings; ``terms``: those of the rate
-    controllers are logged; ``position_mode`` and ``position_stream``: the mode that holds positions, and what it
-    logs besides.
+    controllers are logged; ``position_mode`` and ``position_stream``: the mode that holds positions, and what
+    it logs besides.
     """
 
     name: str

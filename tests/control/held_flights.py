@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.control.outer_loops import close_outer
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.outer_loops import AttitudeCommand, CascadeController, OuterLoop
-from quadid_logs.control.outer_loops import close_outer
 from quadid_logs.simulate import SCENARIOS, plan_flights
 from quadid_logs.simulate.closed_loop import Noise, Record, Setup, fly
 from quadid_logs.simulate.logger import Logging, log_flights
@@ -28,7 +28,9 @@ PX4: Final = PositionHold(
     period_s=0.02,
 )
 HOLDS: Final = {"ardupilot": ARDUPILOT, "px4": PX4}
-_QUIET: Final = Noise(gyro_rad_s_per_rthz=0.0, gyro_bias_rad_s=(0.0, 0.0, 0.0), accelerometer_m_s2_per_rthz=0.0)
+_QUIET: Final = Noise(
+    gyro_rad_s_per_rthz=0.0, gyro_bias_rad_s=(0.0, 0.0, 0.0), accelerometer_m_s2_per_rthz=0.0
+)
 
 
 def setup(autopilot: str, hold: PositionHold, *, seconds: float = 30.0, scenario: str = "hover") -> Setup:

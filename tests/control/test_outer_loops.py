@@ -29,13 +29,15 @@ def logs() -> Mapping[str, FlightLog]:
 def attitude_of(log: FlightLog, changed: Mapping[str, float] | None = None) -> dict[str, AttitudeReplay]:
     autopilot, parameters = named(log.autopilot), {**log.parameters, **(changed or {})}
     rows, controllers = autopilot.attitude_rows(log, parameters, []), autopilot.outer_controllers(parameters)
-    assert rows is not None and controllers is not None
+    assert rows is not None
+    assert controllers is not None
     return attitude_replays(rows, controllers.attitude)
 
 
 def cascades_of(log: FlightLog, changed: Mapping[str, float] | None = None) -> list[CascadeReplay]:
     controllers = named(log.autopilot).outer_controllers({**log.parameters, **(changed or {})})
-    assert controllers is not None and controllers.horizontal is not None
+    assert controllers is not None
+    assert controllers.horizontal is not None
     found = [cascade_replay(rows, controllers.horizontal, []) for rows in log.position_control]
     assert len(found) == 2
     return [one for one in found if one is not None]
@@ -61,7 +63,8 @@ def test_behind_an_attitude_that_lags_the_velocity_loop_has_the_margin_of_the_cl
     found = margins_of(frequency_hz, velocity, 1, np.array([False]), np.inf)
     crossover = np.sqrt(0.5 * w**2 * (np.sqrt(1.0 + 4.0 * P**2 / w**2) - 1.0))
     assert position is None
-    assert found.crossover_hz is not None and found.phase_margin_deg is not None
+    assert found.crossover_hz is not None
+    assert found.phase_margin_deg is not None
     assert found.crossover_hz.value == pytest.approx(crossover / (2.0 * np.pi), rel=1e-3)
     assert found.phase_margin_deg.value == pytest.approx(90.0 - np.degrees(np.arctan(crossover / w)), abs=0.1)
 
@@ -86,14 +89,16 @@ def sway(hold: PositionHold, autopilot: str, times: float) -> FloatArray:
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_velocity_gains_below_the_gain_margin_calm_down_and_gains_above_it_sway(autopilot: str) -> None:
-    """The margin is that of the flown loop: 7 % beside it, which is 0.6 dB, the flight itself tells the side."""
+    """The margin is that of the flown loop: 7 % beside it, 0.6 dB, the flight itself tells the side."""
     hold = dataclasses.replace(HOLDS[autopilot], moves_m=0.3)
     loop = true_loop(autopilot, hold).whole
-    assert loop is not None and loop.gain_margin_db is not None
+    assert loop is not None
+    assert loop.gain_margin_db is not None
     limit = 10.0 ** (loop.gain_margin_db.value / 20.0)
     # The path itself moves by less than this, without a fast part.
     early, late = sway(hold, autopilot, 0.93 * limit)
-    assert late < 2e-3 and late <= 1.2 * early
+    assert late < 2e-3
+    assert late <= 1.2 * early
     early, late = sway(hold, autopilot, 1.07 * limit)
     assert late > 3.0 * early
 
@@ -109,9 +114,7 @@ def test_the_attitude_controller_of_the_parameters_makes_the_logged_rates(
     }
 
 
-@pytest.mark.parametrize(
-    ("autopilot", "name"), [("px4", "MC_ROLL_P"), ("ardupilot", "ATC_ANG_RLL_P")]
-)
+@pytest.mark.parametrize(("autopilot", "name"), [("px4", "MC_ROLL_P"), ("ardupilot", "ATC_ANG_RLL_P")])
 def test_an_angle_gain_that_did_not_fly_is_told_by_how_much(
     logs: Mapping[str, FlightLog], autopilot: str, name: str
 ) -> None:
@@ -119,7 +122,8 @@ def test_an_angle_gain_that_did_not_fly_is_told_by_how_much(
     log = logs[autopilot]
     replay = attitude_of(log, {name: 1.5 * log.parameters[name]})["roll"]
     assert replay.shown is Shown.DIFFERS
-    assert replay.gain is not None and replay.gain.value == pytest.approx(2.0 / 3.0, rel=0.03)
+    assert replay.gain is not None
+    assert replay.gain.value == pytest.approx(2.0 / 3.0, rel=0.03)
 
 
 def test_an_excitation_that_is_added_to_the_rates_contradicts_no_angle_gain() -> None:
@@ -133,7 +137,8 @@ def test_position_and_velocity_gains_are_found_again_in_ten_rows_a_second(
     logs: Mapping[str, FlightLog], autopilot: str
 ) -> None:
     for found in cascades_of(logs[autopilot]):
-        assert found.position is not None and found.velocity is not None
+        assert found.position is not None
+        assert found.velocity is not None
         assert found.position.value == pytest.approx(1.0, abs=1e-3)
         assert found.velocity.value == pytest.approx(1.0, abs=0.03)
         assert found.shown is Shown.AGREES
@@ -151,7 +156,8 @@ def test_a_gain_that_did_not_fly_differs(logs: Mapping[str, FlightLog], name: st
 def test_a_log_without_what_was_fed_forward_shows_no_gain(logs: Mapping[str, FlightLog]) -> None:
     """Firmware before 4.1 did not log it: nothing is agreed, and nothing contradicted."""
     controllers = named("ardupilot").outer_controllers(logs["ardupilot"].parameters)
-    assert controllers is not None and controllers.horizontal is not None
+    assert controllers is not None
+    assert controllers.horizontal is not None
     north = logs["ardupilot"].position_control[0]
     bare = {name: values for name, values in north.values.items() if not name.endswith("_forward")}
     found = cascade_replay(dataclasses.replace(north, values=bare), controllers.horizontal, [])
@@ -168,7 +174,8 @@ def test_damaged_rows_are_left_out(logs: Mapping[str, FlightLog], worst: float) 
         for column in values.values():
             column[::150] = worst
         found = cascade_replay(dataclasses.replace(direction, values=values), controller, [])
-        assert found is not None and found.position is not None
+        assert found is not None
+        assert found.position is not None
         assert found.position.value == pytest.approx(1.0, abs=1e-3)
 
 
@@ -186,5 +193,6 @@ def test_the_position_loop_takes_phase_from_the_velocity_loop() -> None:
     """1.8 + 0.4 / s with 0.95 / s around it leaves 40 degrees behind that vehicle, 70 without."""
     found = true_loop("px4", HOLDS["px4"])
     assert found.whole is not None
-    assert found.velocity.phase_margin_deg is not None and found.whole.phase_margin_deg is not None
+    assert found.velocity.phase_margin_deg is not None
+    assert found.whole.phase_margin_deg is not None
     assert found.whole.phase_margin_deg.value < found.velocity.phase_margin_deg.value - 20.0

@@ -102,7 +102,7 @@ class ArduPilot(Autopilot):
     def shaper_rows(
         self, log: FlightLog, parameters: Mapping[str, float], intervals: Sequence[tuple[float, float]]
     ) -> ShaperRows | None:
-        """The accelerations of PSCN and PSCE as lean angles, with ANG or ATT beside them."""
+        """Accelerations of PSCN and PSCE as lean angles, with ANG or ATT beside them."""
         from quadid_logs.autopilots.ardupilot.outer import shaper_rows
 
         return shaper_rows(log, parameters, intervals)

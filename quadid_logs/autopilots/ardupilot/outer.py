@@ -86,7 +86,9 @@ _CASCADE: Final = {
 }
 
 
-def position_rows(tables: Mapping[str, MessageTable], rows_of: Mapping[str, Rows]) -> tuple[PositionRows, ...]:
+def position_rows(
+    tables: Mapping[str, MessageTable], rows_of: Mapping[str, Rows]
+) -> tuple[PositionRows, ...]:
     """Return what the log holds of the horizontal position controllers.
 
     Parameters
@@ -113,9 +115,7 @@ def position_rows(tables: Mapping[str, MessageTable], rows_of: Mapping[str, Rows
     return tuple(found)
 
 
-def _of_direction(
-    table: MessageTable, rows: Rows, labels: Mapping[str, str], direction: str
-) -> PositionRows:
+def _of_direction(table: MessageTable, rows: Rows, labels: Mapping[str, str], direction: str) -> PositionRows:
     values = {}
     for name, label in labels.items():
         if table.has_numbers(label):
@@ -137,8 +137,8 @@ def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
 
     Notes
     -----
-    With ATC_RATE_FF_ENAB the shaper gives a target that lags the wanted angle by ATC_INPUT_TC for small changes,
-    and the target's rate goes to the rate controller; without it the wanted angle is the target.
+    With ATC_RATE_FF_ENAB the shaper gives a target that lags the wanted angle by ATC_INPUT_TC for small
+    changes, and the target's rate goes to the rate controller; without it the wanted angle is the target.
     """
     forward = parameters.get("ATC_RATE_FF_ENAB", 1.0) > 0.0
     constant_s = finite(parameters.get("ATC_INPUT_TC"))
@@ -153,9 +153,11 @@ def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
 
 
 def _horizontal(parameters: Mapping[str, float]) -> CascadeController | None:
-    """Return position and velocity controller; None where a gain is missing, or velocities are not controlled."""
+    """Return position and velocity controller; None where a gain is missing or of velocities none is set."""
     named = {
-        short: next(((name, parameters[name]) for name in names if finite(parameters.get(name)) is not None), None)
+        short: next(
+            ((name, parameters[name]) for name in names if finite(parameters.get(name)) is not None), None
+        )
         for short, names in _CASCADE.items()
     }
     gains = dict(pair for pair in named.values() if pair is not None)
@@ -234,9 +236,9 @@ def attitude_rows(
 
     Notes
     -----
-    `attitude_controller_run_quat`: the error is split into one of the thrust's direction and one of the heading;
-    each goes through the square-root controller with half of the acceleration limit, and the target's own rate,
-    turned into body axes, is added. That rate is what takes one logged target to the next.
+    `attitude_controller_run_quat`: the error is split into one of the thrust's direction and one of the
+    heading; each goes through the square-root controller with half of the acceleration limit, and the
+    target's own rate, turned into body axes, is added. That rate is what takes one logged target to the next.
     """
     gains = [finite(parameters.get(f"ATC_ANG_{name}_P")) for name in AXIS_NAMES.values()]
     target = next(iter(log.candidates("attitude_setpoint")), None)
@@ -266,7 +268,8 @@ def attitude_rows(
             for axis, gain in enumerate(gains)
         ]
     )
-    # Where the thrust's direction is far off the heading is faded out, and where nothing is wanted nothing runs.
+    # Where the thrust's direction is far off the heading is faded out, and where nothing is wanted nothing
+    # runs.
     clear = same & (np.linalg.norm(angles[:, :2], axis=1) < _LARGEST_ERROR) & (logged != 0.0).any(axis=1)
     return AttitudeRows(
         time_s=time_s[:-1][clear], from_error=corrected[clear], forward=forward[clear], logged=logged[clear]
@@ -321,9 +324,9 @@ def shaper_rows(
 
     Notes
     -----
-    `accel_to_lean_angles` makes angles of accelerations, `input_shaping_angle` a target of these: the square-root
-    controller with one over ATC_INPUT_TC and the acceleration limit gives a rate, which changes by no more than
-    that limit, and the target is its integral. Angles of stick modes are not logged.
+    `accel_to_lean_angles` makes angles of accelerations, `input_shaping_angle` a target of these: the
+    square-root controller with one over ATC_INPUT_TC and the acceleration limit gives a rate, which changes
+    by no more than that limit, and the target is its integral. Angles of stick modes are not logged.
     """
     constant_s = finite(parameters.get("ATC_INPUT_TC"))
     north, east = (
@@ -348,7 +351,7 @@ def shaper_rows(
     known_s, known = target.time_s[sane][order], target.values[sane][order]
     if known_s.size < 2:
         return None
-    fine_s = np.arange(time_s[run][0], time_s[run][-1], 1.0 / _SHAPER_HZ)[: _MOST_ROWS]
+    fine_s = np.arange(time_s[run][0], time_s[run][-1], 1.0 / _SHAPER_HZ)[:_MOST_ROWS]
     target_at = np.column_stack([np.interp(fine_s, known_s, np.unwrap(each)) for each in known.T])
     north_m_s2, east_m_s2 = (np.interp(fine_s, time_s[run], each) for each in wanted[run].T)
     angles = lean_angles(north_m_s2, east_m_s2, target_at[:, 2])
@@ -399,4 +402,3 @@ def shape_angle(wanted: FloatArray, constant_s: float, limit: float, first: floa
         rate = min(max(asked, rate - most), rate + most)
         angle += rate * step_s
     return np.array(found)
-

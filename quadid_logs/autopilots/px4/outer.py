@@ -28,9 +28,9 @@ from quadid_logs.maths.rotations import (
     tilt_and_heading,
 )
 
-#: Attitude and set-point of the loop that made a rate set-point are no older than this [s]: loops take 4 ms or
-#: more, and what follows in one of them takes less. A set-point of the position controller, which is slower, may
-#: be older by one loop; those are asked where newer ones are too few.
+#: Attitude and set-point of the loop that made a rate set-point are no older than this [s]: loops take 4 ms
+#: or more, and what follows in one of them takes less. A set-point of the position controller, which is
+#: slower, may be older by one loop; those are asked where newer ones are too few.
 _SAME_LOOP_S: Final = 2e-3
 _LOOP_BEFORE_S: Final = 6e-3
 #: Fewer rows of one loop tell nothing; more than a minute's at 400 Hz tell nothing new.
@@ -39,7 +39,11 @@ _FEWEST_ROWS, _MOST_ROWS = 50, 24_000
 _LEAST_WEIGHT: Final = 1e-4
 #: MulticopterPositionControl.cpp runs on each vehicle_local_position, which the estimator publishes at 50 Hz.
 _POSITION_PERIOD_S: Final = 0.02
-_SETPOINT, _STATE, _TRAJECTORY = "vehicle_local_position_setpoint", "vehicle_local_position", "trajectory_setpoint"
+_SETPOINT, _STATE, _TRAJECTORY = (
+    "vehicle_local_position_setpoint",
+    "vehicle_local_position",
+    "trajectory_setpoint",
+)
 TOPICS: Final = frozenset({_SETPOINT, _STATE, _TRAJECTORY})
 _DIRECTIONS: Final = (("north", "x", 0), ("east", "y", 1))
 #: A set-point that is fed forward and older than this is not the one that was used [s].
@@ -109,9 +113,7 @@ def _acceleration(table: TopicTable, label: str, number: int) -> FloatArray | No
     return None
 
 
-def _forwards(
-    table: TopicTable | None, time_s: FloatArray, label: str, number: int
-) -> dict[str, FloatArray]:
+def _forwards(table: TopicTable | None, time_s: FloatArray, label: str, number: int) -> dict[str, FloatArray]:
     """Return velocity and acceleration that are fed forward, held; a NaN set-point feeds nothing."""
     made_s = None if table is None else sample_time_s(table)
     if table is None or made_s is None or not len(made_s):
@@ -145,7 +147,12 @@ def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
     """
     model_rad_s = finite(parameters.get("MC_REF_W_N"))
     modelled = model_rad_s is not None and model_rad_s > 0.0
-    names = ("MC_YAW_WEIGHT", "MC_REF_W_N", "MC_REF_FF", *(f"MC_{each}RATE_MAX" for each in ("ROLL", "PITCH", "YAW")))
+    names = (
+        "MC_YAW_WEIGHT",
+        "MC_REF_W_N",
+        "MC_REF_FF",
+        *(f"MC_{each}RATE_MAX" for each in ("ROLL", "PITCH", "YAW")),
+    )
     return OuterControllers(
         attitude=AttitudeCommand(
             lags_s=(1.0 / model_rad_s,) * 2 if modelled and model_rad_s is not None else (),
@@ -157,7 +164,7 @@ def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
 
 
 def _horizontal(parameters: Mapping[str, float]) -> CascadeController | None:
-    """Return position and velocity controller; None where a gain is missing, or velocities are not controlled."""
+    """Return position and velocity controller; None where a gain is missing or of velocities none is set."""
     values = [finite(parameters.get(name)) for name in _CASCADE]
     if any(value is None or value < 0.0 for value in values) or not values[1]:
         return None
@@ -197,9 +204,10 @@ def attitude_rows(
 
     Notes
     -----
-    `AttitudeControl::update`: twice the vector part of the error's quaternion times MC_*_P, the error being that
-    of the thrust's direction followed by MC_YAW_WEIGHT times that of the heading; the yaw gain is divided by the
-    weight. The rate about the vertical that the set-point asks for is added, and MC_*RATE_MAX limit the sum.
+    `AttitudeControl::update`: twice the vector part of the error's quaternion times MC_*_P, the error being
+    that of the thrust's direction followed by MC_YAW_WEIGHT times that of the heading; the yaw gain is
+    divided by the weight. The rate about the vertical that the set-point asks for is added, and MC_*RATE_MAX
+    limit the sum.
     """
     gains = [finite(parameters.get(f"MC_{name}_P")) for name, _ in AXIS_NAMES.values()]
     signals = [
@@ -252,11 +260,10 @@ def _from_error(error: FloatArray, gains: Sequence[float], parameters: Mapping[s
 
 
 def _yaw_rate(log: FlightLog, time_s: FloatArray) -> FloatArray:
-    """Return the rate about the vertical that the set-point asked for [rad/s]."""
+    """Return the rate about the vertical that the set-point commanded [rad/s]."""
     terms = next((each for each in log.controller_terms if "rate_forward" in each.values), None)
     if terms is None or not terms.rows.n_samples:
         return np.zeros(time_s.shape)
     place, row = last_before(terms.rows.time_s, time_s)
     rates = np.nan_to_num(terms.values["rate_forward"], nan=0.0, posinf=0.0, neginf=0.0)
     return np.where(place >= 0, rates[row], 0.0)
-
