@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
+import numpy as np
+
 from quadid_logs.control.outer_loops import FEWEST_ROWS
 from quadid_logs.control.room import Room, figures, room_of
 from quadid_logs.data.closed_loop import Estimated, Margins
@@ -56,9 +58,14 @@ def find_in_outer(outer: OuterLoops | None, positions: Sequence[PositionRows]) -
             for axis, found in slow.items()
         }
         yield finding("QL653", "info", evidence, axes=tuple(slow))
-    flown = any(each.rows.n_samples >= FEWEST_ROWS for each in positions)
-    if flown and not outer.loops:
+    if not outer.loops and any(_commanded_rows(each) >= FEWEST_ROWS for each in positions):
         yield finding("QL655", "info", _why_none(outer))
+
+
+def _commanded_rows(rows: PositionRows) -> int:
+    """Count the rows in which a velocity was commanded: in modes that hold a height alone there is none."""
+    target = rows.values.get("velocity_target")
+    return 0 if target is None else int(np.count_nonzero(np.isfinite(target)))
 
 
 def _attitude(outer: OuterLoops) -> Iterator[Finding]:
