@@ -58,7 +58,8 @@ def find_in_outer(outer: OuterLoops | None, positions: Sequence[PositionRows]) -
             for axis, found in slow.items()
         }
         yield finding("QL653", "info", evidence, axes=tuple(slow))
-    if not outer.loops and any(_commanded_rows(each) >= FEWEST_ROWS for each in positions):
+    level = [each for each in positions if each.direction != "down"]
+    if not outer.loops and any(_commanded_rows(each) >= FEWEST_ROWS for each in level):
         yield finding("QL655", "info", _why_none(outer))
 
 

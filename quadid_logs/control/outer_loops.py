@@ -61,6 +61,8 @@ _SLOWEST_S: Final = 0.5
 _GAP: Final = 3.0
 #: In metres and seconds nothing comes near: such a number is damage.
 _IMPOSSIBLE: Final = 1e6
+#: No position is held with more; firmware commands absurd ones to take all thrust away on the ground [m/s^2].
+_STEEPEST_M_S2: Final = 50.0
 #: Above, velocity and position loops have no gain.
 _HIGHEST_HZ: Final = 30.0
 _CI: Final = (0.025, 0.975)
@@ -94,19 +96,20 @@ def outer_loops(
     """
     command, horizontal = controllers.attitude, controllers.horizontal
     replays = {} if attitude is None else attitude_replays(attitude, command)
-    cascades, loops = {}, {}
-    if horizontal is not None:
-        cascades = {
-            each.direction: replay
-            for each in positions
-            if (replay := cascade_replay(each, horizontal, intervals)) is not None
-        }
-        agreed = all(each.shown is not Shown.DIFFERS for each in cascades.values())
+    cascades = {
+        each.direction: replay
+        for each in positions
+        if (law := controllers.vertical if each.direction == "down" else horizontal) is not None
+        if (replay := cascade_replay(each, law, intervals)) is not None
+    }
+    level = [replay for direction, replay in cascades.items() if direction != "down"]
+    loops = {}
+    if horizontal is not None and level and all(each.shown is not Shown.DIFFERS for each in level):
         differing = [axis for axis, replay in replays.items() if replay.shown is Shown.DIFFERS]
         loops = {
             axis: loop
             for axis in TILTS
-            if cascades and agreed and axis not in differing
+            if axis not in differing
             if (loop := _loop_of(closed, axis, command, horizontal)) is not None
         }
     return OuterLoops(
@@ -266,7 +269,7 @@ def _velocity(run: _Run, controller: CascadeController) -> tuple[Estimated | Non
     if "acceleration_target" not in values or "acceleration_forward" not in values:
         return nothing
     given = values["acceleration_target"] - values["acceleration_forward"]
-    known = np.abs(given) < _IMPOSSIBLE
+    known = np.abs(given) < _STEEPEST_M_S2
     if np.count_nonzero(known) < FEWEST_ROWS:
         return nothing
     proportional, integral, slope = _terms(run, controller)

@@ -75,7 +75,7 @@ class AttitudeCommand:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CascadeController:
-    """Position and velocity controller of horizontal directions: what acts while nothing saturates.
+    """Position and velocity controller of some directions: what acts while nothing saturates.
 
     With positions x and velocities v, the velocity target is V = forward + ``position_per_s`` (X - x), and
     the acceleration target forward + P (V - v) + I times its integral + D times its slope, or less D times
@@ -114,6 +114,7 @@ class OuterControllers:
 
     attitude: AttitudeCommand
     horizontal: CascadeController | None = None
+    vertical: CascadeController | None = None
 
 
 class Shown(Enum):

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from quadid_logs.control.outer_findings import outermost
 from quadid_logs.data.closed_loop import Estimated, Margins
-from quadid_logs.data.outer_loops import CascadeReplay, OuterLoop, OuterLoops, Shown
+from quadid_logs.data.outer_loops import CascadeReplay, OuterControllers, OuterLoop, OuterLoops, Shown
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import interval, number, resolved
 
@@ -173,9 +173,8 @@ def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | 
     """
     if outer is None:
         return None
-    horizontal = outer.controllers.horizontal
     return {
-        "gains": {**outer.controllers.attitude.gains, **({} if horizontal is None else horizontal.gains)},
+        "gains": _gains(outer.controllers),
         "attitude": {
             axis: {
                 "shown": found.shown.value,
@@ -203,6 +202,14 @@ def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | 
             for axis, found in outer.loops.items()
         },
     }
+
+
+def _gains(known: OuterControllers) -> dict[str, float]:
+    """Return the parameters of all outer controllers."""
+    gains = dict(known.attitude.gains)
+    for each in (known.horizontal, known.vertical):
+        gains |= {} if each is None else each.gains
+    return gains
 
 
 def _cascade(found: CascadeReplay) -> dict[str, Any]:

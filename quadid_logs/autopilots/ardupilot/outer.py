@@ -50,7 +50,7 @@ _SHAPER_HZ: Final = 100.0
 #: AC_AttitudeControl.cpp: the shortest that ATC_INPUT_TC can be [s].
 _SHORTEST_TC_S: Final = 0.01
 #: Position controllers' messages by direction: since 4.1, with the letter that ends their labels.
-_DIRECTIONS: Final = (("PSCN", "N", "north"), ("PSCE", "E", "east"))
+_DIRECTIONS: Final = (("PSCN", "N", "north"), ("PSCE", "E", "east"), ("PSCD", "D", "down"))
 _LABELS: Final = {
     "position_target": "TP",
     "position": "P",
@@ -75,26 +75,21 @@ POSITION_LABELS: Final = frozenset(
     {label + end for _, end, _ in _DIRECTIONS for label in _LABELS.values()}
     | {label + end for end, _ in _OLD_DIRECTIONS for label in _OLD_LABELS.values()}
 )
-#: By short name: parameters since 4.7, those before.
-_CASCADE: Final = {
-    "position": ("PSC_NE_POS_P", "PSC_POSXY_P"),
-    "P": ("PSC_NE_VEL_P", "PSC_VELXY_P"),
-    "I": ("PSC_NE_VEL_I", "PSC_VELXY_I"),
-    "D": ("PSC_NE_VEL_D", "PSC_VELXY_D"),
-    "FLTE": ("PSC_NE_VEL_FLTE", "PSC_VELXY_FLTE"),
-    "FLTD": ("PSC_NE_VEL_FLTD", "PSC_VELXY_FLTD"),
-}
+#: How the names of position and velocity gains begin: since 4.7, and before.
+_HORIZONTAL: Final = (("PSC_NE_POS", "PSC_POSXY"), ("PSC_NE_VEL", "PSC_VELXY"))
+_VERTICAL: Final = (("PSC_D_POS", "PSC_POSZ"), ("PSC_D_VEL", "PSC_VELZ"))
+_OF_VELOCITY: Final = ("P", "I", "D", "FLTE", "FLTD")
 
 
 def position_rows(
     tables: Mapping[str, MessageTable], rows_of: Mapping[str, Rows]
 ) -> tuple[PositionRows, ...]:
-    """Return what the log holds of the horizontal position controllers.
+    """Return what the log holds of the position controllers.
 
     Parameters
     ----------
     tables : mapping of str to MessageTable
-        PSCN and PSCE, or PSC, as far as the log has them.
+        PSCN, PSCE and PSCD, or PSC, as far as the log has them.
     rows_of : mapping of str to Rows
         Of the same messages.
 
@@ -148,21 +143,24 @@ def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
     gains = {name: parameters[name] for name in (*names, *limits) if name in parameters}
     return OuterControllers(
         attitude=AttitudeCommand(lags_s=lags_s, forward=forward, gains=gains),
-        horizontal=_horizontal(parameters),
+        horizontal=_cascade(parameters, *_HORIZONTAL),
+        vertical=_cascade(parameters, *_VERTICAL),
     )
 
 
-def _horizontal(parameters: Mapping[str, float]) -> CascadeController | None:
+def _cascade(
+    parameters: Mapping[str, float], position: tuple[str, str], velocity: tuple[str, str]
+) -> CascadeController | None:
     """Return position and velocity controller; None where a gain is missing or of velocities none is set."""
-    named = {
-        short: next(
-            ((name, parameters[name]) for name in names if finite(parameters.get(name)) is not None), None
-        )
-        for short, names in _CASCADE.items()
+    names = {"position": [f"{each}_P" for each in position]}
+    names |= {short: [f"{each}_{short}" for each in velocity] for short in _OF_VELOCITY}
+    known = {
+        short: [one for one in each if finite(parameters.get(one)) is not None]
+        for short, each in names.items()
     }
-    gains = dict(pair for pair in named.values() if pair is not None)
-    values = {short: pair[1] for short, pair in named.items() if pair is not None}
-    if len(values) < len(_CASCADE) or not values["P"] > 0.0 or min(values.values()) < 0.0:
+    values = {short: parameters[each[0]] for short, each in known.items() if each}
+    gains = {each[0]: parameters[each[0]] for each in known.values() if each}
+    if len(values) < len(names) or not values["P"] > 0.0 or min(values.values()) < 0.0:
         return None
     return CascadeController(
         position_per_s=values["position"],
