@@ -142,8 +142,8 @@ def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
 
     Notes
     -----
-    The vertical controller is left out: the estimator of the hover thrust moves its integral, which is not logged.
-    Firmware with MC_REF_W_N follows the set-point by a critically damped model of second order, and holds the
+    The vertical controller is left out: the estimator of the hover thrust moves its integral. Firmware with
+    MC_REF_W_N follows the set-point by a critically damped model of second order, and holds the
     attitude against that one.
     """
     model_rad_s = finite(parameters.get("MC_REF_W_N"))
