@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from quadid_logs.autopilots import named
 from quadid_logs.autopilots.ardupilot.outer import acceleration_limit, shape_angle, square_root
 from quadid_logs.control.outer_loops import attitude_replays, cascade_replay
+from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.data.outer_loops import Shown
 from quadid_logs.load import read_log
 from tests.marks import thorough
@@ -175,3 +177,43 @@ def test_centimetres_of_old_firmware_are_metres(corpus: Path) -> None:
     north = log.position_control[0].values
     assert float(np.std(north["velocity"])) < 10.0
     assert float(np.ptp(north["position"])) < 1000.0
+
+
+def of_angles(wanted_rad: tuple[float, float, float], n_rows: int = 60) -> FlightLog:
+    """Return a log of a level vehicle whose attitude is wanted to be another one."""
+    rows = Rows(0.004 * np.arange(n_rows), np.arange(n_rows))
+    signals = {
+        name: (Signal(name=name, rows=rows, values=np.tile(values, (n_rows, 1)), source=name),)
+        for name, values in (
+            ("attitude", (0.0, 0.0, 0.0)),
+            ("attitude_setpoint", wanted_rad),
+            ("body_rate_setpoint", (0.1, 0.1, 0.1)),
+        )
+    }
+    return FlightLog(path="", format="ulog", autopilot="px4", n_bytes=0, signals=signals)
+
+
+@pytest.mark.parametrize("weight", [1.0, 0.4])
+def test_the_weight_of_the_heading_leaves_the_yaw_gain_as_it_is(weight: float) -> None:
+    """AttitudeControl divides the gain by the weight."""
+    parameters = {"MC_ROLL_P": 6.5, "MC_PITCH_P": 6.0, "MC_YAW_P": 2.8, "MC_YAW_WEIGHT": weight}
+    rows = named("px4").attitude_rows(of_angles((0.002, -0.003, 0.004)), parameters, [])
+    assert rows is not None
+    assert rows.from_error[0] == pytest.approx([6.5 * 0.002, -6.0 * 0.003, 2.8 * 0.004], rel=0.02)
+
+
+@pytest.mark.parametrize("worst", [np.nan, np.inf, 1e300])
+@pytest.mark.parametrize("name", ["attitude", "attitude_setpoint", "body_rate_setpoint"])
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_damaged_angles_and_rates_are_left_out(autopilot: str, name: str, worst: float) -> None:
+    parameters = {f"MC_{axis}_P": 2.0 for axis in ("ROLL", "PITCH", "YAW")}
+    parameters |= {f"ATC_ANG_{axis}_P": 2.0 for axis in ("RLL", "PIT", "YAW")} | {"SCHED_LOOP_RATE": 250.0}
+    log = of_angles((0.01, 0.02, 0.03), 3000)
+    (good,) = log.signals[name]
+    values = good.values.copy()
+    values[::1500] = worst
+    bad = replace(log, signals={**log.signals, name: (replace(good, values=values),)})
+    rows = named(autopilot).attitude_rows(bad, parameters, [])
+    assert rows is not None
+    for each in (rows.from_error, rows.forward, rows.logged):
+        assert np.isfinite(each).all()

@@ -78,7 +78,7 @@ def test_an_unstable_loop_has_no_figures() -> None:
 def test_each_loop_and_each_replay_has_its_row() -> None:
     margins, attitude, cascades = outer_tables(OUTER)
     assert [row[0].text for row in margins.rows] == ["velocity, forward", "velocity and position, forward"]
-    assert [cell.text for cell in attitude.rows[0]][:3] == ["roll", "reproduces the log", "0.20 %"]
+    assert [cell.text for cell in attitude.rows[0]][:3] == ["roll", "reproduces the log", "0.2 %"]
     assert [row[0].text for row in cascades.rows] == ["north"]
 
 
