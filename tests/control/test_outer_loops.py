@@ -14,6 +14,7 @@ from quadid_logs.control.margins import margins_of
 from quadid_logs.control.outer_loops import attitude_replays, cascade_loops, cascade_replay
 from quadid_logs.data.log import FlightLog, PositionRows, Rows
 from quadid_logs.data.outer_loops import AttitudeReplay, CascadeController, CascadeReplay, Shown
+from quadid_logs.pipeline import analyze as judged
 from quadid_logs.simulate.position_hold import PositionHold
 from tests.control.held_flights import HOLDS, cascade, flown, log_of, true_loop
 from tests.marks import thorough
@@ -196,3 +197,21 @@ def test_the_position_loop_takes_phase_from_the_velocity_loop() -> None:
     assert found.velocity.phase_margin_deg is not None
     assert found.whole.phase_margin_deg is not None
     assert found.whole.phase_margin_deg.value < found.velocity.phase_margin_deg.value - 20.0
+
+
+@pytest.mark.parametrize(("autopilot", "beside_db"), [("ardupilot", 0.0), thorough("px4", 0.4)])
+def test_a_log_tells_the_margins_of_the_loop_that_flew(autopilot: str, beside_db: float) -> None:
+    """Through the whole analysis; what PX4's log leaves open of the gyro's rate is worth 0.3 dB."""
+    loop = judged(log_of(autopilot, scenario="sysid-quad-x", seconds=45.0)).closed_loop
+    assert loop is not None
+    assert loop.outer is not None
+    truth = true_loop(autopilot, HOLDS[autopilot])
+    for told in loop.outer.loops.values():
+        for found, true in ((told.velocity, truth.velocity), (told.whole, truth.whole)):
+            assert found is not None
+            assert true is not None
+            assert found.gain_margin_db is not None
+            assert true.gain_margin_db is not None
+            low, high = found.gain_margin_db.ci95
+            assert low - beside_db <= true.gain_margin_db.value <= high + beside_db
+    assert set(loop.outer.loops) == {"roll", "pitch"}
