@@ -85,7 +85,7 @@ def _cascades(outer: OuterLoops) -> Iterator[Finding]:
         direction: told for direction, found in outer.cascades.items() if (told := _differing(found))
     }
     if differing:
-        yield finding("QL651", "warning", dict(differing))
+        yield finding("QL651", "info", dict(differing))
     behind: dict[str, object] = {
         direction: {
             "velocity_error_m_s": rounded(found.velocity_error_m_s, 3),

@@ -253,14 +253,16 @@ def _position(run: _Run, controller: CascadeController) -> tuple[Estimated | Non
         return nothing
     made = controller.position_per_s * (values["position_target"] - values["position"])
     given = values["velocity_target"] - values["velocity_forward"]
-    known = (np.abs(made) < _IMPOSSIBLE) & (np.abs(given) < _IMPOSSIBLE)
+    possible = (np.abs(made) < _IMPOSSIBLE) & (np.abs(given) < _IMPOSSIBLE)
+    known = possible & (np.abs(made) < controller.linear_m_s)
     if np.count_nonzero(known) < FEWEST_ROWS:
         return nothing
+    error_m = _rms(made[possible]) / controller.position_per_s
     made, given = made[known], given[known]
     gain = _slope(made, given, _clusters(run.time_s[known]))
     size = _rms(given)
     left = _rms(given - made) / size if size > 0.0 else float("nan")
-    return gain, left, _rms(made) / controller.position_per_s
+    return gain, left, error_m
 
 
 def _velocity(run: _Run, controller: CascadeController) -> tuple[Estimated | None, Estimated | None, float]:

@@ -698,8 +698,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "reproduce the logged targets",
                 "Replayed from logged positions, velocities and their set-points, the controller does not "
                 "give the logged targets: the gain that fits is more than a tenth off that of the "
-                "parameters. No margin of the velocity loop is given.",
-                "Check that no gain of these controllers was changed in flight, and fly once more.",
+                "parameters. Some firmware lowers these gains by itself, as with optical flow, and a flight "
+                "at the limit of tilt or speed looks alike. No margin of the velocity loop is given.",
+                "Check that no gain of these controllers was changed in flight. Fly once more in calm air.",
                 scope="loop",
             ),
             _entry(

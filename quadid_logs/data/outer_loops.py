@@ -85,6 +85,8 @@ class CascadeController:
     ----------
     position_per_s : float
         [1/s]; 0 where positions are not controlled.
+    linear_m_s : float
+        Velocities up to which the position controller is linear in any case.
     proportional_per_s, integral_per_s2, derivative : float
         P [1/s], I [1/s^2], D [1].
     error_hz, derivative_hz : float
@@ -106,6 +108,7 @@ class CascadeController:
     slope_of_error: bool
     period_s: float
     gains: Mapping[str, float]
+    linear_m_s: float = float("inf")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -215,3 +215,24 @@ def test_a_log_tells_the_margins_of_the_loop_that_flew(autopilot: str, beside_db
             low, high = found.gain_margin_db.ci95
             assert low - beside_db <= true.gain_margin_db.value <= high + beside_db
     assert set(loop.outer.loops) == {"roll", "pitch"}
+
+
+def test_a_position_controller_that_is_far_off_is_judged_where_it_is_linear(
+    logs: Mapping[str, FlightLog],
+) -> None:
+    """ArduPilot's is a square root beyond: far from its target a right gain looks too low."""
+    controllers = named("ardupilot").outer_controllers(logs["ardupilot"].parameters)
+    assert controllers is not None
+    assert controllers.horizontal is not None
+    north = logs["ardupilot"].position_control[0]
+    values = {name: column.copy() for name, column in north.values.items()}
+    # Every third second 10 m off, where no more than 3 m/s are commanded for them.
+    far = (north.rows.time_s % 3.0) < 1.0
+    values["position_target"][far] += 10.0
+    values["velocity_target"][far] += 3.0
+    values["velocity"][far] += 3.0
+    found = cascade_replay(dataclasses.replace(north, values=values), controllers.horizontal, [])
+    assert found is not None
+    assert found.position is not None
+    assert found.position.value == pytest.approx(1.0, abs=1e-3)
+    assert found.position_error_m > 4.0

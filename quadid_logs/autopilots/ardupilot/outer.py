@@ -75,6 +75,9 @@ POSITION_LABELS: Final = frozenset(
     {label + end for _, end, _ in _DIRECTIONS for label in _LABELS.values()}
     | {label + end for end, _ in _OLD_DIRECTIONS for label in _OLD_LABELS.values()}
 )
+#: AC_P_2D's square-root controller is linear up to a / p, a being of the mode: WPNAV_ACCEL and LOIT_ACC_MAX
+#: allow no less [m/s^2].
+_LEAST_ACCELERATION: Final = 0.5
 #: How the names of position and velocity gains begin: since 4.7, and before.
 _HORIZONTAL: Final = (("PSC_NE_POS", "PSC_POSXY"), ("PSC_NE_VEL", "PSC_VELXY"))
 _VERTICAL: Final = (("PSC_D_POS", "PSC_POSZ"), ("PSC_D_VEL", "PSC_VELZ"))
@@ -172,6 +175,7 @@ def _cascade(
         slope_of_error=True,
         period_s=loop_period_s({**parameters, "FSTRATE_ENABLE": 0.0}),
         gains=gains,
+        linear_m_s=_LEAST_ACCELERATION / values["position"] if values["position"] > 0.0 else math.inf,
     )
 
 
