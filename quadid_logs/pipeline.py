@@ -12,6 +12,8 @@ from quadid_logs.align.pool import copies, pool
 from quadid_logs.autopilots import named
 from quadid_logs.control.closed_loop import LoopPart, close_loop
 from quadid_logs.control.findings import find_in_loop
+from quadid_logs.control.outer_findings import find_in_outer
+from quadid_logs.control.outer_loops import outer_loops
 from quadid_logs.control.replay import replay, thinned_from
 from quadid_logs.data.closed_loop import ClosedLoop
 from quadid_logs.data.diagnosis import Diagnosis
@@ -19,6 +21,7 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.health import Health
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
+from quadid_logs.data.outer_loops import OuterLoops
 from quadid_logs.data.result import PooledLog, Result
 from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.data.vehicle import Vehicle
@@ -193,7 +196,8 @@ def judge(
     # Several logs may have flown with several controllers.
     closed_loop = None if pooled else _closed_loop(log, data, identification, diagnosis, settings, loop)
     if closed_loop is not None:
-        diagnosis = with_findings(diagnosis, find_in_loop(closed_loop), log.autopilot)
+        outer = find_in_outer(closed_loop.outer, log.position_control)
+        diagnosis = with_findings(diagnosis, [*find_in_loop(closed_loop), *outer], log.autopilot)
     timings = {**timings_s, "identify": identified - began, "control": time.perf_counter() - identified}
     return Result(
         log=log,
@@ -234,8 +238,26 @@ def _closed_loop(
     trusted = [axis for axis, verdict in diagnosis.axes.items() if verdict.verdict != "refused"]
     fitted = most_excited(data, settings.identify.most_samples)
     low_hz = model.band.low_hz[0] if model.band is not None else settings.identify.high_pass_hz
-    return close_loop(
+    closed = close_loop(
         fitted, model, controllers, replays, trusted=trusted, low_hz=float(low_hz), wanted=wanted
+    )
+    return closed if wanted == "verdict" else replace(closed, outer=_outer_loops(log, data, closed))
+
+
+def _outer_loops(log: FlightLog, data: FlightData, closed: ClosedLoop) -> OuterLoops | None:
+    """Replay and close what lies around the rate loops; None where its controllers are not known."""
+    autopilot, parameters = named(log.autopilot), flown_parameters(log, data)
+    controllers = autopilot.outer_controllers(parameters)
+    if controllers is None or data.clock_resets:
+        return None
+    flights = data.flight_segments
+    return outer_loops(
+        controllers,
+        closed,
+        autopilot.attitude_rows(log, parameters, flights),
+        autopilot.shaper_rows(log, parameters, flights),
+        log.position_control,
+        flights,
     )
 
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from quadid_logs.data.controller import FlownControllers, ReplayInput
     from quadid_logs.data.health import Line
     from quadid_logs.data.off_nominal import ThrustLaw
+    from quadid_logs.data.outer_loops import AttitudeRows, OuterControllers, ShaperRows
     from quadid_logs.data.tuning import FilterChoices, Tunable
 
 __all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
@@ -153,6 +154,28 @@ class Autopilot:
     ) -> Mapping[str, ReplayInput]:
         """Return by axis the rows and the law to replay; intervals are on the log's own clock."""
         return {}
+
+    def outer_controllers(self, parameters: Mapping[str, float]) -> OuterControllers | None:  # noqa: ARG002
+        """Return the controllers around the rate loop by these parameters; None where they are not known."""
+        return None
+
+    def attitude_rows(
+        self,
+        log: FlightLog,  # noqa: ARG002
+        parameters: Mapping[str, float],  # noqa: ARG002
+        intervals: Sequence[tuple[float, float]],  # noqa: ARG002
+    ) -> AttitudeRows | None:
+        """Return what the attitude controller's law makes, beside what was logged."""
+        return None
+
+    def shaper_rows(
+        self,
+        log: FlightLog,  # noqa: ARG002
+        parameters: Mapping[str, float],  # noqa: ARG002
+        intervals: Sequence[tuple[float, float]],  # noqa: ARG002
+    ) -> ShaperRows | None:
+        """Return wanted angles, and what an input shaper makes of them; None where either is missing."""
+        return None
 
     def tunable(self, parameters: Mapping[str, float]) -> Tunable | None:  # noqa: ARG002
         """Return the gains that may be changed; None where no gains of it are known."""

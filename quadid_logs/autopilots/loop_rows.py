@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray, runs
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray, runs
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.maths.intervals import inside
 
@@ -96,6 +96,25 @@ def matched(time_s: FloatArray, values: FloatArray, wanted_s: FloatArray) -> Flo
     row = order[np.maximum(place, 0)]
     same = (place >= 0) & (np.abs(time_s[row] - wanted_s) <= _SAME_TIME_S)
     return np.where(same, values[row], np.nan)
+
+
+def last_before(time_s: FloatArray, wanted_s: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return the last row at or before each of other times.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        In file order, n at least 1.
+    wanted_s : ndarray, shape (m,)
+
+    Returns
+    -------
+    place, row : ndarray of int64, shape (m,)
+        Its number in order of time, -1 for none, and in the file; the first row where there is none.
+    """
+    order = np.argsort(time_s, kind="stable")
+    place = np.searchsorted(time_s[order], wanted_s, side="right") - 1
+    return place, order[np.maximum(place, 0)]
 
 
 def stood_still(integral: FloatArray, increments: FloatArray) -> BoolArray:

@@ -58,11 +58,28 @@ def attitude_of(
         whole = 1.0 + full
         follows = (full - rate) / whole
         peak_db = 20.0 * np.log10(np.max(np.abs((1.0 + rate) / whole), axis=1))
+    return Attitude(bandwidth_hz(frequency_hz, follows), np.asarray(peak_db, dtype=np.float64))
+
+
+def bandwidth_hz(frequency_hz: FloatArray, follows: ComplexArray) -> FloatArray:
+    """Return up to where answers follow their set-points.
+
+    Parameters
+    ----------
+    frequency_hz : ndarray, shape (n_frequencies,)
+        Rising.
+    follows : ndarray of complex, shape (n_loops, n_frequencies)
+
+    Returns
+    -------
+    ndarray, shape (n_loops,)
+        Where 45 degrees are left to -180, or 3 dB are lost [Hz].
+    """
     looked_at = frequency_hz >= _LOWEST_HZ
     some, follows = frequency_hz[looked_at], follows[:, looked_at]
     late_hz = _first_below(some, np.degrees(np.unwrap(np.angle(follows))), _PHASE_DEG)
     weak_hz = _first_below(some, np.log(np.abs(follows)), np.log(_GAIN))
-    return Attitude(np.minimum(late_hz, weak_hz), np.asarray(peak_db, dtype=np.float64))
+    return np.minimum(late_hz, weak_hz)
 
 
 def _first_below(frequency_hz: FloatArray, values: FloatArray, level: float) -> FloatArray:

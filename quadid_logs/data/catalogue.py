@@ -683,6 +683,63 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 scope="loop",
             ),
             _entry(
+                "QL650",
+                "The attitude controller reconstructed from the logged parameters does not reproduce the "
+                "logged rate set-points",
+                "Replayed from logged attitudes and their set-points, the attitude controller does not give "
+                "the logged rate set-points. Margins with the angle loop are those of another gain, and no "
+                "velocity loop is closed.",
+                "Check that no gain of the attitude controller was changed in flight, and fly once more.",
+                scope="loop",
+            ),
+            _entry(
+                "QL651",
+                "The position or velocity controller reconstructed from the logged parameters does not "
+                "reproduce the logged targets",
+                "Replayed from logged positions, velocities and their set-points, the controller does not "
+                "give the logged targets: the gain that fits is more than a tenth off that of the "
+                "parameters. Some firmware lowers these gains by itself, as with optical flow, and a flight "
+                "at the limit of tilt or speed looks alike. No margin of the velocity loop is given.",
+                "Check that no gain of these controllers was changed in flight. Fly once more in calm air.",
+                scope="loop",
+            ),
+            _entry(
+                "QL652",
+                "The velocity loop is close to instability",
+                "The velocity and position controllers of the parameters, closed around the attitude loop, "
+                "leave less than 30 degrees or 4 dB. It shows as a slow sway of some seconds while the "
+                "vehicle holds a position.",
+                "Fly by attitude until this is cleared. Compare the gains of the position and velocity "
+                "controllers with the firmware's defaults.",
+                scope="loop",
+            ),
+            _entry(
+                "QL653",
+                "The attitude answers too slowly for the velocity loop",
+                "The bandwidth of the attitude is less than 2.5 times the crossover frequency of the "
+                "velocity loop. The attitude then takes more than 22 degrees of phase from it.",
+                "Tune the attitude before the velocity loop: `quadid-log tune LOG`.",
+                scope="loop",
+            ),
+            _entry(
+                "QL654",
+                "The vehicle did not follow its velocity set-point",
+                "The velocity was off its set-point by more than the set-point itself moved: a vehicle that "
+                "had not answered at all would have been nearer to it. Wind, limits of the tilt, or a "
+                "velocity loop that sways do that.",
+                "Look at the tilt limit and at the wind of that flight.",
+                scope="loop",
+            ),
+            _entry(
+                "QL655",
+                "The velocity loop is not closed",
+                "The log holds messages of the position controller. A gain is not known, the rows are too "
+                "few or too slow, or the attitude loop inside is not known well enough: nothing is said of "
+                "the velocity and position loops.",
+                "Log all parameters, and fly manoeuvres that make roll and pitch usable.",
+                scope="loop",
+            ),
+            _entry(
                 "QL610",
                 "No gains are recommended for this vehicle",
                 "Gains are recommended for multirotors with the rate controllers of the autopilots that are "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.controller import FlownControllers, Replay
 from quadid_logs.numerals import estimate
+
+if TYPE_CHECKING:
+    from quadid_logs.data.outer_loops import OuterLoops
 
 
 class Estimated(NamedTuple):
@@ -316,6 +319,8 @@ class ClosedLoop:
     controllers : FlownControllers
         Rate and angle controllers with the parameters that flew.
     axes : mapping of str to AxisLoop
+    outer : OuterLoops or None
+        The loops around these; None where nobody looked, or the controllers are not known.
 
     Examples
     --------
@@ -328,6 +333,7 @@ class ClosedLoop:
 
     controllers: FlownControllers
     axes: Mapping[str, AxisLoop] = field(default_factory=dict)
+    outer: OuterLoops | None = None
 
     @property
     def margins(self) -> dict[str, LoopMargins]:

@@ -247,10 +247,32 @@ class ControllerTerms:
         Of the message that they are logged in.
     values : mapping of str to ndarray, shape (n_samples,)
         "P", "I", "D", "FF": terms of the output [1]; "scale": the factor on P and D; "limited": 1 where the
-        integrator was stopped; "derivative": the angular acceleration that D acts on [rad/s^2].
+        integrator was stopped; "derivative": the angular acceleration that D acts on [rad/s^2];
+        "rate_forward": a rate about the vertical that is added to the attitude controller's [rad/s].
     """
 
     axis: str
+    rows: Rows
+    values: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PositionRows:
+    """What the log holds of the controllers of position and velocity along one direction.
+
+    Attributes
+    ----------
+    direction : str
+        "north", "east" or "down".
+    rows : Rows
+        Of the message that they are logged in.
+    values : mapping of str to ndarray, shape (n_samples,)
+        "position_target", "position" [m]; "velocity_forward", the set-point that is added behind the position
+        controller, "velocity_target", "velocity" [m/s]; "acceleration_forward", "acceleration_target"
+        [m/s^2], as far as the log has them. NaN where nothing is commanded.
+    """
+
+    direction: str
     rows: Rows
     values: Mapping[str, FloatArray]
 
@@ -320,6 +342,8 @@ class FlightLog:
         In file order.
     controller_terms : tuple of ControllerTerms
         By axis and message.
+    position_control : tuple of PositionRows
+        By direction.
     n_bytes : int
         Size of the file [bytes].
     lost : tuple of LostBytes
@@ -357,6 +381,7 @@ class FlightLog:
     parameters: Mapping[str, float] = field(default_factory=dict)
     parameter_changes: tuple[ParameterChange, ...] = ()
     controller_terms: tuple[ControllerTerms, ...] = ()
+    position_control: tuple[PositionRows, ...] = ()
     modes: tuple[ModeChange, ...] = ()
     texts: tuple[LogText, ...] = ()
     lost: tuple[LostBytes, ...] = ()

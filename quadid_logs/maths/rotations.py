@@ -132,6 +132,63 @@ def multiply_quaternions(left: FloatArray, right: FloatArray) -> FloatArray:
     )
 
 
+def conjugate(quaternion: FloatArray) -> FloatArray:
+    """Return the way back of unit quaternions.
+
+    Parameters
+    ----------
+    quaternion : ndarray, shape (..., 4)
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+    """
+    return np.asarray(quaternion * np.array([1.0, -1.0, -1.0, -1.0]), dtype=np.float64)
+
+
+def rotation_vector(quaternion: FloatArray) -> FloatArray:
+    """Return axis times angle of the shorter way that unit quaternions turn.
+
+    Parameters
+    ----------
+    quaternion : ndarray, shape (n, 4)
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        [rad]
+    """
+    shorter = quaternion * np.where(quaternion[:, :1] < 0.0, -1.0, 1.0)
+    size = np.linalg.norm(shorter[:, 1:], axis=1)
+    # sin(a / 2) over a / 2 goes to one.
+    over = np.divide(
+        2.0 * np.arctan2(size, shorter[:, 0]), size, where=size > 0.0, out=np.full(len(size), 2.0)
+    )
+    return np.asarray(shorter[:, 1:] * over[:, np.newaxis], dtype=np.float64)
+
+
+def tilt_and_heading(rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Split rotations into one about an axis across the body's z, and one about z before it.
+
+    Parameters
+    ----------
+    rotation : ndarray, shape (n, 4)
+        Unit quaternions.
+
+    Returns
+    -------
+    tilt : ndarray, shape (n, 4)
+        Without a part about z.
+    heading_rad : ndarray, shape (n,)
+        About z, -pi to pi: rotation = tilt * heading.
+    """
+    shorter = rotation * np.where(rotation[:, :1] < 0.0, -1.0, 1.0)
+    half = np.arctan2(shorter[:, 3], shorter[:, 0])
+    back = np.zeros_like(shorter)
+    back[:, 0], back[:, 3] = np.cos(half), -np.sin(half)
+    return multiply_quaternions(shorter, back), 2.0 * half
+
+
 def rotation_matrix(quaternion: FloatArray) -> FloatArray:
     """Return the matrix that turns body vectors into Earth vectors.
 

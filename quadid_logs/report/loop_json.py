@@ -10,6 +10,7 @@ from quadid_logs.control.filters import filter_costs, rate_crossover
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, FrameModes, Margins, Prediction
 from quadid_logs.data.controller import CommandUnit, Replay
 from quadid_logs.data.health import Line
+from quadid_logs.report.outer_view import outer_dict
 
 #: Of `Margins`, each with its interval.
 MARGIN_FIGURES: Final = (
@@ -57,6 +58,7 @@ def closed_loop_dict(loop: ClosedLoop, lines: Mapping[str, Sequence[Line]]) -> d
             }
             for axis, found in loop.axes.items()
         },
+        "outer": outer_dict(loop.outer, margins_dict),
     }
 
 

@@ -13,6 +13,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.filter_table import filter_tables
 from quadid_logs.report.numbers import interval, number, resolved
+from quadid_logs.report.outer_view import outer_sentences, outer_tables
 from quadid_logs.untrusted import printable
 
 #: From here on a gain is told as a multiple: no battery and no load changes a vehicle by as much.
@@ -28,6 +29,7 @@ class LoopView:
     sentences: tuple[str, ...]
     margins: Table | None
     filters: tuple[Table, ...] = ()
+    outer: tuple[Table, ...] = ()
 
 
 def loop_view(result: Result) -> LoopView:
@@ -49,9 +51,14 @@ def loop_view(result: Result) -> LoopView:
         return LoopView(intro=f"{text} Nothing is said of the loop.", sentences=(), margins=None)
     return LoopView(
         intro=_intro(loop),
-        sentences=(*(_sentence(axis, found) for axis, found in loop.axes.items()), *_own_units(loop)),
+        sentences=(
+            *(_sentence(axis, found) for axis, found in loop.axes.items()),
+            *outer_sentences(loop.outer),
+            *_own_units(loop),
+        ),
         margins=_table(loop),
         filters=filter_tables(result),
+        outer=outer_tables(loop.outer),
     )
 
 

@@ -49,6 +49,7 @@ from quadid_logs.simulate.faults import MotorFaults, RotorVibration
 from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.outputs import OutputCurve, output_curve
 from quadid_logs.simulate.plant import Body, State, advance, at_rest
+from quadid_logs.simulate.position_hold import DIRECTIONS, VALUES, Navigator, PositionHold
 from quadid_logs.simulate.wind import Wind, dryden_wind
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
@@ -142,7 +143,8 @@ class Setup:
 
     ``reference`` covers the manoeuvre (`Schedule.manoeuvre_s` to
     `Schedule.land_s`) with one row per control period; ``delay_steps`` are
-    the control periods between mixer and motors.
+    the control periods between mixer and motors. With ``position`` a path is flown instead of the reference's
+    angles.
     """
 
     airframe: SimulatedAirframe
@@ -156,6 +158,7 @@ class Setup:
     wind: Wind = field(default_factory=Wind)
     effects: Effects = field(default_factory=Effects)
     tuning: Tuning = field(default_factory=Tuning)
+    position: PositionHold | None = None
     seed: int = 0
 
     @property
@@ -209,6 +212,11 @@ EXTRA: Final = (
     Channel("slope", 3),
     Channel("scale", 3),
 )
+#: Of flights that hold positions: values of both directions, and the attitude's target.
+NAVIGATION: Final = (
+    Channel("position_control", len(VALUES) * len(DIRECTIONS)),
+    Channel("attitude_target", 3),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -219,9 +227,9 @@ class Record:
     ----------
     time_s : ndarray, shape (n_steps,)
     channels : mapping of str to ndarray, shape (n_steps, n_columns) or (n_flights, n_steps, n_columns)
-        By the names of `CORE` and `EXTRA`. ``command`` is exactly what enters
-        the mixer, ``achieved`` what it made of it; ``gyro`` is unfiltered,
-        ``torque`` [N m] and ``rate`` [rad/s] are true.
+        By the names of `CORE`, `EXTRA` and, where positions are held, `NAVIGATION`. ``command`` is exactly
+        what enters the mixer, ``achieved`` what it made of it; ``gyro`` is unfiltered, ``torque`` [N m] and
+        ``rate`` [rad/s] are true.
     setups : tuple of Setup
     """
 
@@ -242,8 +250,9 @@ def fly(setup: Setup) -> Record:
     Record
         With the channels of `CORE` and `EXTRA`, each of shape (n_steps, n_columns).
     """
-    values = _fly((setup,), CORE + EXTRA)
-    return Record(time_s=_times(setup), channels=_by_name(values, (setup,), CORE + EXTRA), setups=(setup,))
+    channels = CORE + EXTRA + (() if setup.position is None else NAVIGATION)
+    values = _fly((setup,), channels)
+    return Record(time_s=_times(setup), channels=_by_name(values, (setup,), channels), setups=(setup,))
 
 
 def fly_many(setups: Sequence[Setup]) -> Record:
@@ -274,6 +283,7 @@ def fly_many(setups: Sequence[Setup]) -> Record:
             and other.loop_hz == first.loop_hz
             and other.delay_steps == first.delay_steps
             and other.tuning == first.tuning
+            and other.position is None
             and other.airframe.n_rotors == first.airframe.n_rotors
         )
         if not shared:
@@ -375,11 +385,21 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
     height_integral, decision = zero, idle
     change = round(change_s(first) * first.loop_hz)
     queue = [idle.targets] * first.delay_steps
+    navigator = None
+    if first.position is not None:
+        begin_s = first.schedule.manoeuvre_s
+        navigator = Navigator(first.position, first.loop_hz, _times(first), begin_s)
     battery_period = round(BATTERY_PERIOD_S * first.loop_hz)
     for k, (active, plan, noise, wind, disturbed) in enumerate(_inputs(setups)):
         if k % battery_period == 0:
             battery.update(state.wrench.thrust, ops)
         raw, filtered = gyro.read(state.rate, noise, state.speeds)
+        navigated: tuple[Component, ...] = ()
+        if navigator is not None:
+            flown = navigator.fly(k, state.velocity)
+            roll, pitch, yaw = (sum(both) for both in zip(plan.feedforward, flown.forward, strict=True))
+            plan = plan._replace(attitude=flown.attitude, feedforward=(roll, pitch, yaw))
+            navigated = flown.row
         if active:
             lift = plan.height - state.height
             height_integral = ops.higher(ops.lower(height_integral + 0.5 * body.step_s * lift, 2.0), -2.0)
@@ -420,7 +440,7 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
             rates, previous = reset_rates(idle.command, idle.command, zero), None
             height_integral, decision = zero, idle
         row = _row(state, decision, raw, filtered, battery, full=full)
-        yield (*row, *_term_row(rates)) if full else row
+        yield (*row, *_term_row(rates), *navigated) if full else row
         queue.append(decision.targets)
         external = surroundings.act(state.attitude, state.acceleration, disturbed)
         state = advance(state, queue.pop(0), wind, body, external)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,6 +19,7 @@ from quadid_logs.data.log import (
     LogText,
     ModeChange,
     ParameterChange,
+    PositionRows,
     Rows,
     Signal,
 )
@@ -27,7 +28,9 @@ from quadid_logs.simulate.closed_loop import Record, Setup, before_change, chang
 from quadid_logs.simulate.control import thrust_of_throttle
 from quadid_logs.simulate.effects import with_outliers
 from quadid_logs.simulate.faults import ACCELEROMETER_RANGE_M_S2, shaken
+from quadid_logs.simulate.position_hold import DIRECTIONS, VALUES
 from quadid_logs.simulate.vendors import (
+    POSITION_ROWS,
     SYSID_STREAM,
     Stream,
     Vendor,
@@ -36,6 +39,7 @@ from quadid_logs.simulate.vendors import (
     parameters,
     pulse_widths,
     start_texts,
+    streams_of,
     vendor,
 )
 from quadid_logs.vocabulary import AXES, GRAVITY_M_S2, MULTIROTOR
@@ -124,6 +128,7 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
         streams = (*streams, SYSID_STREAM)
     if not setup.effects.setpoints_logged:
         streams = _without(streams, "body_rate_setpoint")
+    streams = streams_of(setup, streams)
     messages = [_collect(stream, records, offsets, logging) for stream in streams]
     messages += _events(records, offsets, logging)
     kept, n_dropped = _drop(messages, setup, logging, float(offsets[-1]))
@@ -141,6 +146,7 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
         parameters=parameters(setup, rate_hz=logging.rate_hz),
         parameter_changes=_parameter_changes(records, offsets, logging, file_s),
         controller_terms=_controller_terms(kept, positions, records) if fast and kind.terms else (),
+        position_control=tuple(_position_control(kept, positions)),
         modes=_modes(records, offsets, logging, file_s),
         texts=tuple(
             LogText(time_s=logging.boot_s + logging.start_s, position=0, text=text)
@@ -254,6 +260,8 @@ def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
         "rotor_speed": "rotor_speed",
         "motor_thrust": "thrust_fraction",
         "battery_ratio": "voltage_filtered",
+        "attitude_setpoint": "attitude_target",
+        POSITION_ROWS: POSITION_ROWS,
     }
     if name in direct:
         values = channels[direct[name]][index]
@@ -408,6 +416,8 @@ def _signals(
         instance = "[0]" if rows.stream.message == "IMU" else ""
         shared = Rows(rows.stamp_s, position)
         for raw_name, fields in rows.stream.signals:
+            if raw_name == POSITION_ROWS:
+                continue
             name = "body_rate" if raw_name == "body_rate_raw" else raw_name
             signal = Signal(
                 name=name,
@@ -475,6 +485,17 @@ def _controller_terms(
     )
 
 
+def _position_control(messages: list[_MessageRows], positions: list[IntArray]) -> Iterator[PositionRows]:
+    """Yield what position controllers were given and gave."""
+    for rows, position in zip(messages, positions, strict=True):
+        if POSITION_ROWS not in rows.values:
+            continue
+        columns = rows.values[POSITION_ROWS].T.reshape(len(DIRECTIONS), len(VALUES), -1)
+        shared = Rows(rows.stamp_s, position)
+        for direction, found in zip(DIRECTIONS, columns, strict=True):
+            yield PositionRows(direction=direction, rows=shared, values=dict(zip(VALUES, found, strict=True)))
+
+
 def _modes(
     records: tuple[Record, ...], offsets: FloatArray, logging: Logging, row_s: FloatArray
 ) -> tuple[ModeChange, ...]:
@@ -484,7 +505,8 @@ def _modes(
     changes: list[tuple[float, str]] = []
     for record, offset in zip(records, offsets[:-1].tolist(), strict=True):
         flown = record.setups[0]
-        changes.append((max(offset, logging.start_s), kind.flight_mode))
+        mode = kind.flight_mode if flown.position is None else kind.position_mode
+        changes.append((max(offset, logging.start_s), mode))
         if np.any(flown.reference.torque):
             changes.append((offset + flown.schedule.manoeuvre_s, kind.sysid_mode))
         changes.append((offset + flown.schedule.land_s, kind.landing_mode))

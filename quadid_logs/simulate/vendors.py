@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -12,12 +12,15 @@ from quadid_logs.errors import SimulationError
 from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN, Setup, Tuning, final_gains
 from quadid_logs.simulate.control import Gains, TrackingNotch
 from quadid_logs.simulate.outputs import CELL_WARNING_V
+from quadid_logs.simulate.position_hold import PositionHold
 
 _PWM_MIN: Final = 1000.0
 _PWM_MAX: Final = 2000.0
 _SPIN_ARM: Final = 0.1
 #: Range of digital motor outputs, and the bit of the features that is airmode.
 _DSHOT_LOWEST, _DSHOT_HIGHEST, _AIRMODE = 48, 2047, 1 << 22
+#: What `FlightLog.position_control` is made of: no signal.
+POSITION_ROWS: Final = "position_control"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +41,8 @@ class Vendor:
     """How an autopilot logs.
 
     ``default_rate_hz`` is the main rate without changed log settings; ``terms``: those of the rate
-    controllers are logged.
+    controllers are logged; ``position_mode`` and ``position_stream``: the mode that holds positions, and what
+    it logs besides.
     """
 
     name: str
@@ -50,6 +54,8 @@ class Vendor:
     sysid_mode: str
     landing_mode: str
     terms: bool = True
+    position_mode: str = ""
+    position_stream: Stream | None = None
 
 
 ARDUPILOT: Final = Vendor(
@@ -80,6 +86,8 @@ ARDUPILOT: Final = Vendor(
     flight_mode="ALT_HOLD",
     sysid_mode="SYSTEMID",
     landing_mode="LAND",
+    position_mode="LOITER",
+    position_stream=Stream(message="PSCN", signals=((POSITION_ROWS, ""),), rate_hz=10.0),
 )
 
 #: Logged in the System ID mode only.
@@ -118,6 +126,10 @@ PX4: Final = Vendor(
     flight_mode="ALTCTL",
     sysid_mode="ALTCTL",
     landing_mode="AUTO_LAND",
+    position_mode="POSCTL",
+    position_stream=Stream(
+        message="vehicle_local_position_setpoint", signals=((POSITION_ROWS, ""),), rate_hz=10.0
+    ),
 )
 
 
@@ -193,6 +205,40 @@ def vendor(autopilot: str) -> Vendor:
         f"There is no simulated autopilot {autopilot!r}.",
         hint="Choose ardupilot, px4, betaflight or crazyflie.",
     )
+
+
+#: Beside the attitude, where positions are held.
+_TARGETS: Final = {
+    "ardupilot": ("ANG", "DesRoll,DesPitch,DesYaw"),
+    "px4": ("vehicle_attitude_setpoint", "q_d[0..3]"),
+}
+
+
+def streams_of(setup: Setup, streams: tuple[Stream, ...]) -> tuple[Stream, ...]:
+    """Return an autopilot's messages, with those of its position controllers where they fly.
+
+    Parameters
+    ----------
+    setup : Setup
+    streams : tuple of Stream
+        Of any flight, at the rates of the log's settings.
+
+    Returns
+    -------
+    tuple of Stream
+    """
+    extra = vendor(setup.autopilot).position_stream
+    if setup.position is None or extra is None:
+        return streams
+    message, fields = _TARGETS[setup.autopilot]
+    target = ("attitude_setpoint", fields)
+    if all(stream.message != message for stream in streams):
+        return (*streams, Stream(message=message, signals=(target,)), extra)
+    joined = (
+        replace(stream, signals=(*stream.signals, target)) if stream.message == message else stream
+        for stream in streams
+    )
+    return (*joined, extra)
 
 
 def frame_name(setup: Setup) -> str:
@@ -281,7 +327,38 @@ def _ardupilot(setup: Setup, rate_hz: float) -> dict[str, float]:
     torque = np.any(setup.reference.torque, axis=0)
     if torque.any():
         values["SID_AXIS"] = 10 + int(np.argmax(torque))
-    return values | _ardupilot_gains(final_gains(setup), setup.tuning)
+    return values | _ardupilot_gains(final_gains(setup), setup.tuning) | _ardupilot_position(setup.position)
+
+
+def _ardupilot_position(hold: PositionHold | None) -> dict[str, float]:
+    """PSC_*, and an input shaper without limits of the acceleration."""
+    if hold is None:
+        return {}
+    return {
+        "ATC_INPUT_TC": hold.lag_s,
+        "ATC_RATE_FF_ENAB": float(hold.lag_s > 0.0),
+        **{f"ATC_ACCEL_{axis}_MAX": 0.0 for axis in "RPY"},
+        "PSC_POSXY_P": hold.position_per_s,
+        "PSC_VELXY_P": hold.proportional_per_s,
+        "PSC_VELXY_I": hold.integral_per_s2,
+        "PSC_VELXY_D": hold.derivative,
+        "PSC_VELXY_FLTE": hold.error_hz,
+        "PSC_VELXY_FLTD": hold.derivative_hz,
+    }
+
+
+def _px4_position(hold: PositionHold | None) -> dict[str, float]:
+    """MPC_XY_*; the heading counts in full."""
+    if hold is None:
+        return {}
+    return {
+        "MC_YAW_WEIGHT": 1.0,
+        "MPC_XY_P": hold.position_per_s,
+        "MPC_XY_VEL_P_ACC": hold.proportional_per_s,
+        "MPC_XY_VEL_I_ACC": hold.integral_per_s2,
+        "MPC_XY_VEL_D_ACC": hold.derivative,
+        "MPC_VELD_LP": hold.derivative_hz,
+    }
 
 
 def _ardupilot_notch(notch: TrackingNotch | None) -> dict[str, float]:
@@ -353,7 +430,7 @@ def _px4(setup: Setup, rate_hz: float) -> dict[str, float]:
             f"PWM_MAIN_MIN{i + 1}": _PWM_MIN,
             f"PWM_MAIN_MAX{i + 1}": _PWM_MAX,
         }
-    return values | _px4_gains(final_gains(setup))
+    return values | _px4_gains(final_gains(setup)) | _px4_position(setup.position)
 
 
 def _px4_gains(gains: Gains) -> dict[str, float]:

@@ -37,6 +37,10 @@ CHARACTERS: Final = {
 }
 #: Defined in a log that holds them only.
 BATCHES: Final = ("ISBH", "ISBD")
+#: The same, of position controllers: by direction.
+POSITIONS: Final = {"north": "PSCN", "east": "PSCE", "down": "PSCD"}
+#: Their columns but for the direction's letter: desired, target, actual position, velocity, acceleration.
+POSITION_LABELS: Final = ("DP", "TP", "P", "DV", "TV", "V", "DA", "TA", "A")
 
 
 class Message(NamedTuple):
@@ -139,6 +143,17 @@ MESSAGES: Final = {
             "F-----F-",
         ),
         Message("ISBD", 165, "QHHaaa", "TimeUS,N,seqno,x,y,z", "s--ooo", "F--???"),
+        *(
+            Message(
+                name,
+                number,
+                "Qfffffffff",
+                "TimeUS," + ",".join(f"{label}{name[-1]}" for label in POSITION_LABELS),
+                "smmmnnnooo",
+                "F000000000",
+            )
+            for number, name in enumerate(POSITIONS.values(), start=188)
+        ),
         _outputs("RCOU", 62, 1, 14),
         _outputs("RCO2", 207, 15, 18),
         _outputs("RCO3", 208, 19, 32),

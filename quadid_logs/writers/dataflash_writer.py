@@ -16,7 +16,15 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.log import FlightLog, Signal
-from quadid_logs.writers.dataflash_formats import BATCHES, HEADER, MESSAGES, MULTIPLIERS, UNITS
+from quadid_logs.writers.dataflash_formats import (
+    BATCHES,
+    HEADER,
+    MESSAGES,
+    MULTIPLIERS,
+    POSITION_LABELS,
+    POSITIONS,
+    UNITS,
+)
 from quadid_logs.writers.flight_modes import find_mode
 from quadid_logs.writers.log_series import (
     Stamps,
@@ -46,6 +54,16 @@ GYRO_MUL = math.floor(32767.0 / math.radians(2000.0))
 DEFAULT_FIRMWARE = "ArduCopter V4.7.0-dev (90700977)"
 #: By axis.
 PIDS = {"roll": "PIDR", "pitch": "PIDP", "yaw": "PIDY"}
+#: Labels of PSCN and its likes, by what `PositionRows` calls it.
+_POSITION_VALUES = {
+    "TP": "position_target",
+    "P": "position",
+    "DV": "velocity_forward",
+    "TV": "velocity_target",
+    "V": "velocity",
+    "DA": "acceleration_forward",
+    "TA": "acceleration_target",
+}
 #: VER.BU: AP_Vehicle_Type.
 BUILDS = {"ArduRover": 1, "ArduCopter": 2, "ArduPlane": 3, "ArduSub": 7}
 
@@ -75,6 +93,7 @@ def write_dataflash(log: FlightLog, file: BinaryIO) -> None:
         *_imu(log, clock),
         *_batches(log, clock),
         *_attitude(log, clock),
+        *_positions(log, clock),
         *_outputs(log, clock),
         *_battery(log, clock),
         *_rotor_speed(log, clock),
@@ -210,22 +229,40 @@ def _attitude(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
     tenth_rows = np.flatnonzero(np.diff(tenths, prepend=tenths[0] - 1))
     if tenth_rows.size < stamps.key_us.size:
         period_s = np.diff(stamps.key_us, prepend=stamps.key_us[0]) * 1e-6
-        yield _records("ANG", stamps, _angles(attitude.values) | {"Dt": period_s})
+        target = _targets(log, clock, stamps)
+        yield _records("ANG", stamps, _angles(attitude.values) | target | {"Dt": period_s})
     few = Stamps(time_us=stamps.time_us[tenth_rows], key_us=stamps.key_us[tenth_rows])
-    yield _records("ATT", few, _angles(attitude.values[tenth_rows]) | {"AEKF": 3})
+    target = _targets(log, clock, few)
+    yield _records("ATT", few, _angles(attitude.values[tenth_rows]) | target | {"AEKF": 3})
 
 
-def _angles(attitude_rad: FloatArray) -> dict[str, Field]:
-    """Angles in degrees, yaw as a heading from 0 to 360; the desired ones are unknown."""
+def _targets(log: FlightLog, clock: WriteClock, stamps: Stamps) -> dict[str, Field]:
+    """Return the angles of the attitude controller's target, NaN where it is unknown."""
+    target = first(log, "attitude_setpoint")
+    if target is None:
+        return dict.fromkeys(("DesRoll", "DesPitch", "DesYaw"), math.nan)
+    return _angles(held_at(clock, target, stamps.key_us, 3), prefix="Des")
+
+
+def _angles(attitude_rad: FloatArray, prefix: str = "") -> dict[str, Field]:
+    """Return angles in degrees, yaw as a heading from 0 to 360."""
     heading_rad = np.mod(attitude_rad[:, 2], 2.0 * math.pi)
     return {
-        "DesRoll": math.nan,
-        "Roll": Column(values=attitude_rad[:, 0], scale=DEG),
-        "DesPitch": math.nan,
-        "Pitch": Column(values=attitude_rad[:, 1], scale=DEG),
-        "DesYaw": math.nan,
-        "Yaw": Column(values=heading_rad, scale=DEG),
+        f"{prefix}Roll": Column(values=attitude_rad[:, 0], scale=DEG),
+        f"{prefix}Pitch": Column(values=attitude_rad[:, 1], scale=DEG),
+        f"{prefix}Yaw": Column(values=heading_rad, scale=DEG),
     }
+
+
+def _positions(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
+    """PSCN, PSCE, PSCD: what position controllers were given and gave."""
+    for rows in log.position_control:
+        name = POSITIONS[rows.direction]
+        fields: dict[str, Field] = {f"{label}{name[-1]}": math.nan for label in POSITION_LABELS}
+        for label, value in _POSITION_VALUES.items():
+            if value in rows.values:
+                fields[f"{label}{name[-1]}"] = rows.values[value]
+        yield _records(name, clock.stamps(rows.rows.time_s, rows.rows.position), fields)
 
 
 def _outputs(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
@@ -339,7 +376,9 @@ def _write_header(file: BinaryIO, log: FlightLog, start_us: int) -> None:
     """Write what ArduPilot puts in front: definitions, version, parameters."""
     moment = np.array([start_us], dtype=np.int64)
     stamps = Stamps(time_us=moment, key_us=moment)
-    names = [name for name in MESSAGES if name not in BATCHES or log.candidates("gyro_samples")]
+    held_back = {*(() if log.candidates("gyro_samples") else BATCHES)}
+    held_back |= set() if log.position_control else set(POSITIONS.values())
+    names = [name for name in MESSAGES if name not in held_back]
     for name, fields in chain(_definitions(names), _settings(log)):
         file.write(_records(name, stamps, fields).encode(0, 1).tobytes())
 

@@ -47,6 +47,21 @@ TOPICS: Final = {
         "uint64_t timestamp;float roll;float pitch;float yaw;float[3] thrust_body;"
         "bool reset_integral;uint8_t[7] _padding0;"
     ),
+    "vehicle_attitude_setpoint": (
+        "uint64_t timestamp;float yaw_sp_move_rate;float[4] q_d;float[3] thrust_body;"
+    ),
+    "vehicle_local_position_setpoint": (
+        "uint64_t timestamp;float x;float y;float z;float vx;float vy;float vz;float[3] acceleration;"
+        "float[3] thrust;float yaw;float yawspeed;uint8_t[4] _padding0;"
+    ),
+    "trajectory_setpoint": (
+        "uint64_t timestamp;float[3] position;float[3] velocity;float[3] acceleration;float[3] jerk;"
+        "float yaw;float yawspeed;"
+    ),
+    # Without the fields of accuracy and resets, of which nothing is known.
+    "vehicle_local_position": (
+        "uint64_t timestamp;uint64_t timestamp_sample;float x;float y;float z;float vx;float vy;float vz;"
+    ),
     "actuator_motors": (
         "uint64_t timestamp;uint64_t timestamp_sample;float[12] control;uint16_t reversible_flags;"
         "uint8_t[6] _padding0;"
@@ -118,6 +133,9 @@ TOPICS: Final = {
 
 #: Defined in a log that holds it only.
 FIFO: Final = "sensor_gyro_fifo"
+#: The same, of attitude and position controllers.
+ATTITUDE_SETPOINT: Final = "vehicle_attitude_setpoint"
+POSITIONS: Final = ("vehicle_local_position_setpoint", "vehicle_local_position", "trajectory_setpoint")
 #: PX4 parameters that are integers, by exact name; every other one is written as a float.
 INTEGER_PARAMETERS: Final = frozenset(
     (

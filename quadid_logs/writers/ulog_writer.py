@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import BinaryIO
 
 import numpy as np
@@ -33,7 +33,14 @@ from quadid_logs.writers.log_series import (
     write_clock,
 )
 from quadid_logs.writers.records import Column, Field, Records, write_merged
-from quadid_logs.writers.ulog_topics import FIFO, TOPICS, row_type, whole_parameter
+from quadid_logs.writers.ulog_topics import (
+    ATTITUDE_SETPOINT,
+    FIFO,
+    POSITIONS,
+    TOPICS,
+    row_type,
+    whole_parameter,
+)
 
 MAGIC = b"ULog\x01\x12\x35"
 VERSION = 1
@@ -62,6 +69,16 @@ FUNCTION_MOTOR1 = 101
 #: Samples in a row of 32 places, and a count of a range of 2000 deg/s [rad/s].
 FIFO_SAMPLES, FIFO_LENGTH, GYRO_SCALE = 8, 32, math.radians(2000.0) / 32768.0
 
+#: What `PositionRows` may hold.
+_POSITION_VALUES = (
+    "position_target",
+    "position",
+    "velocity_forward",
+    "velocity_target",
+    "velocity",
+    "acceleration_forward",
+    "acceleration_target",
+)
 Topic = tuple[str, int, Stamps, dict[str, Field]]
 
 
@@ -82,7 +99,7 @@ def write_ulog(log: FlightLog, file: BinaryIO) -> None:
     """
     clock = write_clock(log)
     topics = [*_rates(log, clock), *_actuators(log, clock), *_sensors(log, clock), *_states(log, clock)]
-    topics += _fifos(log, clock)
+    topics += [*_fifos(log, clock), *_attitude_setpoint(log, clock), *_positions(log, clock)]
     streams = [_records(number, *topic) for number, topic in enumerate(topics)]
     starts = [int(stream.key_us[0]) for stream in streams]
     ends = [int(stream.key_us[-1]) for stream in streams]
@@ -237,6 +254,57 @@ def _fifos(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
         yield FIFO, instance, Stamps(time_us=stamps.time_us[last], key_us=stamps.key_us[last]), fields
 
 
+def _attitude_setpoint(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
+    """Attitude set-points as quaternions, without a rate about the vertical."""
+    wanted = first(log, "attitude_setpoint")
+    if wanted is not None:
+        fields: dict[str, Field] = {"q_d": quaternion_from_euler(wanted.values), "thrust_body": math.nan}
+        yield ATTITUDE_SETPOINT, 0, clock.of(wanted), fields
+
+
+def _positions(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
+    """Set-points and states of position controllers, at the rows of the first direction."""
+    if not log.position_control:
+        return
+    rows = log.position_control[0].rows
+    stamps, unknown = clock.stamps(rows.time_s, rows.position), np.full(rows.n_samples, math.nan)
+    known = {each.direction: each.values for each in log.position_control if each.rows is rows}
+    columns = {
+        name: [known.get(direction, {}).get(name, unknown) for direction in ("north", "east", "down")]
+        for name in _POSITION_VALUES
+    }
+    vectors = {name: np.column_stack(each) for name, each in columns.items()}
+    setpoint, state, path = POSITIONS
+    yield (
+        path,
+        0,
+        stamps,
+        {
+            "position": vectors["position_target"],
+            "velocity": vectors["velocity_forward"],
+            "acceleration": vectors["acceleration_forward"],
+            **dict.fromkeys(("jerk", "yaw", "yawspeed"), math.nan),
+        },
+    )
+    yield state, 0, stamps, _named(columns["position"], "") | _named(columns["velocity"], "v")
+    yield (
+        setpoint,
+        0,
+        stamps,
+        {
+            **_named(columns["position_target"], ""),
+            **_named(columns["velocity_target"], "v"),
+            "acceleration": vectors["acceleration_target"],
+            **dict.fromkeys(("thrust", "yaw", "yawspeed"), math.nan),
+        },
+    )
+
+
+def _named(columns: Sequence[FloatArray], prefix: str) -> dict[str, Field]:
+    """Name the fields of a vector's components, such as vx, vy, vz."""
+    return {f"{prefix}{letter}": each for letter, each in zip("xyz", columns, strict=True)}
+
+
 def _sensors(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
     """Attitude as a quaternion, the first IMU, the battery."""
     attitude = first(log, "attitude")
@@ -357,11 +425,18 @@ def _syncs(start_us: int, end_us: int) -> Records:
     return Records(dtype=dtype, key_us=key_us, fields={"size": len(SYNC), "kind": ord("S"), "magic": magic})
 
 
+def _held_back(log: FlightLog) -> set[str]:
+    """Return the topics that are defined only where the log holds them."""
+    found = set() if log.candidates("gyro_samples") else {FIFO}
+    found |= set() if log.candidates("attitude_setpoint") else {ATTITUDE_SETPOINT}
+    return found | (set() if log.position_control else {*POSITIONS})
+
+
 def _write_definitions(file: BinaryIO, log: FlightLog) -> None:
     """Write flag bits, formats, information and parameters."""
     file.write(_message("B", bytes(40)))
     for name, fields in TOPICS.items():
-        if name == FIFO and not log.candidates("gyro_samples"):
+        if name in _held_back(log):
             continue
         file.write(_message("F", f"{name}:{fields}".encode()))
     is_px4 = log.firmware.upper().startswith("PX4")

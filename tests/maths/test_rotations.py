@@ -11,12 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from quadid_logs.maths.rotations import (
     body_rates,
+    conjugate,
     euler_from_quaternion,
     euler_rates,
     multiply_quaternions,
     quaternion_from_euler,
     quaternion_rate,
     rotation_matrix,
+    rotation_vector,
+    tilt_and_heading,
     tilt_from_rates,
     unwrapped,
 )
@@ -113,3 +116,26 @@ def test_the_bias_of_a_gyro_tilts_the_integral_by_no_more_than_it_turns_in_the_m
     bias = np.radians(0.5)
     tilt = tilt_from_rates(np.tile([bias, 0.0, 0.0], (60_000, 1)), 0.01, memory_s=15.0)
     assert tilt[-1, 0] == pytest.approx(15.0 * bias, rel=0.02)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.5, 3.0, -3.0])
+def test_a_rotation_vector_is_axis_times_angle(angle: float) -> None:
+    """Also where the sine of half the angle vanishes."""
+    axis = np.array([2.0, -1.0, 2.0]) / 3.0
+    quaternion = np.concatenate([[np.cos(0.5 * angle)], np.sin(0.5 * angle) * axis])
+    for sign in (1.0, -1.0):
+        assert rotation_vector(sign * quaternion[np.newaxis])[0] == pytest.approx(angle * axis, abs=1e-12)
+
+
+def test_a_tilt_without_a_part_about_z_and_a_heading_make_the_rotation() -> None:
+    rotation = quaternion_from_euler(np.array([[0.4, -0.3, 2.5], [0.1, 0.2, -3.0], [0.0, 0.0, 0.0]]))
+    tilt, heading = tilt_and_heading(rotation)
+    about_z = quaternion_from_euler(np.column_stack([np.zeros((3, 2)), heading]))
+    assert np.abs(tilt[:, 3]).max() < 1e-12
+    product = multiply_quaternions(tilt, about_z)
+    assert np.abs((product * rotation).sum(axis=1)) == pytest.approx(1.0)
+
+
+def test_a_rotation_and_its_conjugate_are_none() -> None:
+    rotation = quaternion_from_euler(np.array([[0.4, -0.3, 2.5]]))
+    assert multiply_quaternions(rotation, conjugate(rotation))[0] == pytest.approx([1.0, 0.0, 0.0, 0.0])

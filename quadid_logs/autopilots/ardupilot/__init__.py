@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from quadid_logs.data.controller import FlownControllers, ReplayInput
     from quadid_logs.data.health import Line
     from quadid_logs.data.off_nominal import ThrustLaw
+    from quadid_logs.data.outer_loops import AttitudeRows, OuterControllers, ShaperRows
     from quadid_logs.data.tuning import FilterChoices, Tunable
 
 
@@ -83,6 +84,28 @@ class ArduPilot(Autopilot):
         from quadid_logs.autopilots.ardupilot.replay import replay_inputs
 
         return replay_inputs(log, controllers, intervals)
+
+    def outer_controllers(self, parameters: Mapping[str, float]) -> OuterControllers:
+        """ATC_INPUT_TC, ATC_RATE_FF_ENAB, PSC_*."""
+        from quadid_logs.autopilots.ardupilot.outer import outer_controllers
+
+        return outer_controllers(parameters)
+
+    def attitude_rows(
+        self, log: FlightLog, parameters: Mapping[str, float], intervals: Sequence[tuple[float, float]]
+    ) -> AttitudeRows | None:
+        """ANG or ATT, with RATE beside it."""
+        from quadid_logs.autopilots.ardupilot.outer import attitude_rows
+
+        return attitude_rows(log, parameters, intervals)
+
+    def shaper_rows(
+        self, log: FlightLog, parameters: Mapping[str, float], intervals: Sequence[tuple[float, float]]
+    ) -> ShaperRows | None:
+        """Accelerations of PSCN and PSCE as lean angles, with ANG or ATT beside them."""
+        from quadid_logs.autopilots.ardupilot.outer import shaper_rows
+
+        return shaper_rows(log, parameters, intervals)
 
     def tunable(self, parameters: Mapping[str, float]) -> Tunable:
         """ATC_RAT_* and ATC_ANG_*."""

@@ -10,11 +10,12 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.autopilots.ardupilot import batches
-from quadid_logs.autopilots.ardupilot.clock import LogClock, own_time
+from quadid_logs.autopilots.ardupilot.clock import TIME_LABELS, LogClock, own_time
 from quadid_logs.autopilots.ardupilot.filters import parameter_filter
 from quadid_logs.autopilots.ardupilot.followed import LABELS as FOLLOWED_LABELS
 from quadid_logs.autopilots.ardupilot.followed import MESSAGES, followed
 from quadid_logs.autopilots.ardupilot.identity import VehicleIdentity, identify_vehicle, mode_name
+from quadid_logs.autopilots.ardupilot.outer import POSITION_LABELS, POSITION_MESSAGES, position_rows
 from quadid_logs.autopilots.ardupilot.signals import (
     LABELS,
     PID_MESSAGES,
@@ -114,6 +115,7 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
     wanted = messages_to_read(source.counts) | _DESCRIPTIONS | _PIDS | MESSAGES | {SCALE_MESSAGE}
     tables = source.read_messages(wanted, LABELS | _LABELS | TERM_LABELS | FOLLOWED_LABELS)
     batched = source.read_messages(batches.MESSAGES & source.counts.keys(), batches.LABELS)
+    positions = source.read_messages(POSITION_MESSAGES & source.counts.keys(), POSITION_LABELS | TIME_LABELS)
     clock = LogClock(tables.values())
     parameters = tables["PARM"].named_values("Name", "Value") if "PARM" in tables else {}
     texts = _texts(tables.get("MSG"), clock)
@@ -149,6 +151,9 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         parameters=parameters,
         parameter_changes=_parameter_changes(tables.get("PARM"), clock),
         controller_terms=controller_terms(pids, clock),
+        position_control=position_rows(
+            positions, {name: clock.rows(table) for name, table in positions.items()}
+        ),
         followed=seen,
         modes=_modes(tables.get("MODE"), clock, identity.vehicle_type),
         texts=texts,

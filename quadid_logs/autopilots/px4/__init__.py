@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from quadid_logs.data.controller import FlownControllers, ReplayInput
     from quadid_logs.data.health import Line
     from quadid_logs.data.off_nominal import ThrustLaw
+    from quadid_logs.data.outer_loops import AttitudeRows, OuterControllers
     from quadid_logs.data.tuning import FilterChoices, Tunable
 
 
@@ -75,6 +76,20 @@ class Px4(Autopilot):
         from quadid_logs.autopilots.px4.replay import replay_inputs
 
         return replay_inputs(log, controllers, intervals)
+
+    def outer_controllers(self, parameters: Mapping[str, float]) -> OuterControllers:
+        """MC_REF_*, MPC_XY_*."""
+        from quadid_logs.autopilots.px4.outer import outer_controllers
+
+        return outer_controllers(parameters)
+
+    def attitude_rows(
+        self, log: FlightLog, parameters: Mapping[str, float], intervals: Sequence[tuple[float, float]]
+    ) -> AttitudeRows | None:
+        """vehicle_attitude and its set-point, with vehicle_rates_setpoint beside them."""
+        from quadid_logs.autopilots.px4.outer import attitude_rows
+
+        return attitude_rows(log, parameters, intervals)
 
     def tunable(self, parameters: Mapping[str, float]) -> Tunable:
         """MC_*RATE_K, and the gains behind it."""

@@ -19,6 +19,7 @@ from quadid_logs.autopilots.px4.identity import (
     vehicle_type,
     version_of,
 )
+from quadid_logs.autopilots.px4.outer import TOPICS, position_rows
 from quadid_logs.autopilots.px4.signals import INTEGRATORS, SOURCES, controller_terms, sample_time_s, signals
 from quadid_logs.autopilots.sources import messages_of, stacked
 from quadid_logs.autopilots.utc import utc_offset_s
@@ -51,7 +52,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     EmptyLogError
         If the file holds no data message that can be read.
     """
-    content = read_content(path, messages_of(SOURCES) | {*_RECEIVERS, INTEGRATORS})
+    content = read_content(path, messages_of(SOURCES) | {*_RECEIVERS, INTEGRATORS} | TOPICS)
     if not content.counts:
         raise EmptyLogError(
             f"{path} begins as a ULog, but holds no data message that can be read.",
@@ -74,6 +75,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         parameters=dict(known.parameters),
         parameter_changes=_parameter_changes(content),
         controller_terms=controller_terms(content.topics),
+        position_control=position_rows(content.topics),
         modes=_modes(content),
         texts=tuple(
             LogText(time_s=text.timestamp_us / 1e6, position=text.offset, text=text.text)

@@ -6,7 +6,7 @@ FRD and NED like we do; only thrust points the other way.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -81,6 +81,8 @@ _TERMS: Final = (
     ("vehicle_angular_velocity", "derivative", tuple(f"xyz_derivative[{number}]" for number in range(3))),
     (INTEGRATORS, "I", ("rollspeed_integ", "pitchspeed_integ", "yawspeed_integ")),
 )
+#: Topic and field of the rate about the vertical that goes to the rate set-point.
+_YAW_RATE: Final = ("vehicle_attitude_setpoint", "yaw_sp_move_rate")
 _TORQUE: Final = ("control[0]", "control[1]", "control[2]")
 
 SOURCES: Final[tuple[Source[_Part], ...]] = (
@@ -186,7 +188,18 @@ def controller_terms(topics: Mapping[TopicKey, TopicTable]) -> tuple[ControllerT
             values = stacked(table, (field,))
             if values is not None and values.shape[1] == 1:
                 found.append(ControllerTerms(axis=axis, rows=rows, values={term: values[:, 0]}))
-    return tuple(found)
+    return (*found, *_yaw_rate(topics))
+
+
+def _yaw_rate(topics: Mapping[TopicKey, TopicTable]) -> Iterator[ControllerTerms]:
+    """Yield the rate about the vertical that the attitude's set-point asks for."""
+    topic, field = _YAW_RATE
+    table = topics.get((topic, 0))
+    time_s = None if table is None else sample_time_s(table)
+    values = None if table is None else stacked(table, (field,))
+    if table is not None and time_s is not None and values is not None and values.shape[1] == 1:
+        rows = Rows(time_s, table.position)
+        yield ControllerTerms(axis="yaw", rows=rows, values={"rate_forward": values[:, 0]})
 
 
 def sample_time_s(table: TopicTable) -> FloatArray | None:

@@ -1,0 +1,232 @@
+"""What the report and result.json say of the loops around the rate loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+from quadid_logs.control.outer_findings import outermost
+from quadid_logs.data.closed_loop import Estimated, Margins
+from quadid_logs.data.outer_loops import CascadeReplay, OuterControllers, OuterLoop, OuterLoops, Shown
+from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.numbers import interval, number, resolved
+
+_SHOWN: Final = {
+    Shown.AGREES: "reproduces the log",
+    Shown.DIFFERS: "does not reproduce the log",
+    Shown.NOT_SHOWN: "not shown by the log",
+}
+_ALONG: Final = {"pitch": "forward", "roll": "sideways"}
+
+
+def outer_sentences(outer: OuterLoops | None) -> Iterator[str]:
+    """Say how far the velocity loops are from instability.
+
+    Parameters
+    ----------
+    outer : OuterLoops or None
+
+    Yields
+    ------
+    str
+    """
+    if outer is None:
+        return
+    for axis, found in outer.loops.items():
+        margins = outermost(found)
+        yield f"Velocity {_ALONG[axis]}, by {axis}: {_distance(margins)}"
+
+
+def _distance(margins: Margins) -> str:
+    """Say how far a loop is from instability, and what delay it bears."""
+    if not margins.stable:
+        return "with the controllers of the parameters, this model is unstable."
+    phase, gain, delay = margins.phase_margin_deg, margins.gain_margin_db, margins.delay_margin_s
+    far = [f"{number(phase.value, 2)} degrees" if phase is not None else ""]
+    far.append(f"{number(gain.value, 2)} dB" if gain is not None else "")
+    text = f"{' and '.join(filter(None, far)) or 'nowhere near'} from instability"
+    return text if delay is None else f"{text}; the loop bears a further delay of {number(delay.value, 2)} s."
+
+
+def outer_tables(outer: OuterLoops | None) -> tuple[Table, ...]:
+    """Return the tables of margins and replays.
+
+    Parameters
+    ----------
+    outer : OuterLoops or None
+
+    Returns
+    -------
+    tuple of Table
+        Without those that would be empty.
+    """
+    if outer is None:
+        return ()
+    found = (_margins_table(outer), _attitude_table(outer), _cascade_table(outer))
+    return tuple(table for table in found if table is not None)
+
+
+def _margins_table(outer: OuterLoops) -> Table | None:
+    rows = [row for axis, found in outer.loops.items() for row in _margin_rows(axis, found)]
+    if not rows:
+        return None
+    return Table(
+        caption="Margins of velocity and position loops, cut at the acceleration set-point",
+        head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [s]", "attitude [Hz]"),
+        rows=tuple(rows),
+        note="Small: the 95 % interval by what is known of the vehicle. Wind, air drag and the estimator's "
+        "delay are no part of it; compare that delay with the one that the loop bears.",
+    )
+
+
+def _margin_rows(axis: str, found: OuterLoop) -> Iterator[tuple[Cell, ...]]:
+    named = (("velocity", found.velocity), ("velocity and position", found.whole))
+    for name, margins in named:
+        if margins is None:
+            continue
+        shown = Cell(text=f"{name}, {_ALONG[axis]}")
+        if not margins.stable:
+            yield (shown, Cell(text="unstable"), *[Cell(text="–")] * 3, _cell(found.attitude_hz))
+            continue
+        figures = (
+            margins.phase_margin_deg,
+            margins.gain_margin_db,
+            margins.crossover_hz,
+            margins.delay_margin_s,
+            found.attitude_hz,
+        )
+        yield (shown, *(_cell(each) for each in figures))
+
+
+def _attitude_table(outer: OuterLoops) -> Table | None:
+    """Return how well attitude controller and input shaper replay."""
+    axes = [axis for axis in ("roll", "pitch", "yaw") if axis in outer.attitude or axis in outer.shaper]
+    if not axes:
+        return None
+    rows = []
+    for axis in axes:
+        attitude, shaper = outer.attitude.get(axis), outer.shaper.get(axis)
+        rows.append(
+            (
+                Cell(text=axis),
+                Cell(text="–" if attitude is None else _SHOWN[attitude.shown]),
+                Cell(text="–" if attitude is None else _percent(attitude.relative_rms)),
+                _cell(None if attitude is None else attitude.gain),
+                Cell(text="–" if shaper is None else _percent(shaper.relative_rms)),
+                Cell(text="–" if shaper is None else _percent(shaper.unshaped_rms)),
+            )
+        )
+    return Table(
+        caption="Attitude controller, replayed",
+        head=("axis", "controller", "off by", "gain / parameter", "shaped target off by", "unshaped"),
+        rows=tuple(rows),
+        note="Off by: rms of the difference over that of what was logged. The input shaper is replayed where "
+        "position control says what angle was wanted.",
+    )
+
+
+def _cascade_table(outer: OuterLoops) -> Table | None:
+    if not outer.cascades:
+        return None
+    return Table(
+        caption="Position and velocity controllers, replayed",
+        head=("direction", "controllers", "position", "velocity P", "velocity I", "velocity error [m/s]"),
+        rows=tuple(_cascade_row(direction, found) for direction, found in outer.cascades.items()),
+        note="Gains over those of the parameters, with 95 % intervals. Error: rms of target less velocity.",
+    )
+
+
+def _cascade_row(direction: str, found: CascadeReplay) -> tuple[Cell, ...]:
+    return (
+        Cell(text=direction),
+        Cell(text=_SHOWN[found.shown]),
+        _cell(found.position),
+        _cell(found.velocity),
+        _cell(found.integral),
+        Cell(text=number(found.velocity_error_m_s, 2)),
+    )
+
+
+def _percent(value: float) -> str:
+    return f"{number(100.0 * value, 2)} %"
+
+
+def _cell(figure: Estimated | None) -> Cell:
+    if figure is None:
+        return Cell(text="–")
+    return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95))
+
+
+def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | None:
+    """Return ``outer`` of ``closed_loop``.
+
+    Parameters
+    ----------
+    outer : OuterLoops or None
+    margins_dict : callable
+        Writes `Margins`.
+
+    Returns
+    -------
+    dict or None
+        Values not yet `plain`.
+    """
+    if outer is None:
+        return None
+    return {
+        "gains": _gains(outer.controllers),
+        "attitude": {
+            axis: {
+                "shown": found.shown.value,
+                "relative_rms": found.relative_rms,
+                "gain_over_parameter": _figure(found.gain),
+                "n_rows": found.n_rows,
+            }
+            for axis, found in outer.attitude.items()
+        },
+        "shaper": {
+            axis: {
+                "relative_rms": found.relative_rms,
+                "unshaped_rms": found.unshaped_rms,
+                "n_rows": found.n_rows,
+            }
+            for axis, found in outer.shaper.items()
+        },
+        "cascades": {direction: _cascade(found) for direction, found in outer.cascades.items()},
+        "loops": {
+            axis: {
+                "attitude_hz": _figure(found.attitude_hz),
+                "velocity": margins_dict(found.velocity),
+                "whole": None if found.whole is None else margins_dict(found.whole),
+            }
+            for axis, found in outer.loops.items()
+        },
+    }
+
+
+def _gains(known: OuterControllers) -> dict[str, float]:
+    """Return the parameters of all outer controllers."""
+    gains = dict(known.attitude.gains)
+    for each in (known.horizontal, known.vertical):
+        gains |= {} if each is None else each.gains
+    return gains
+
+
+def _cascade(found: CascadeReplay) -> dict[str, Any]:
+    return {
+        "shown": found.shown.value,
+        "position_gain_over_parameter": _figure(found.position),
+        "velocity_gain_over_parameter": _figure(found.velocity),
+        "integral_gain_over_parameter": _figure(found.integral),
+        "position_relative_rms": found.position_rms,
+        "velocity_relative_rms": found.velocity_rms,
+        "velocity_error_m_s": found.velocity_error_m_s,
+        "velocity_moved_m_s": found.velocity_moved_m_s,
+        "position_error_m": found.position_error_m,
+        "n_rows": found.n_rows,
+        "row_s": found.row_s,
+    }
+
+
+def _figure(figure: Estimated | None) -> dict[str, Any] | None:
+    return None if figure is None else {"value": figure.value, "ci95": figure.ci95}

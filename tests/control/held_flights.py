@@ -1,0 +1,73 @@
+"""Flights that hold a position in the simulator, and their controllers as the package describes them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Final
+
+import numpy as np
+
+from quadid_logs.control.outer_loops import close_outer
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.outer_loops import AttitudeCommand, CascadeController, OuterLoop
+from quadid_logs.simulate import SCENARIOS, plan_flights
+from quadid_logs.simulate.closed_loop import Noise, Record, Setup, fly
+from quadid_logs.simulate.logger import Logging, log_flights
+from quadid_logs.simulate.position_hold import PositionHold
+from quadid_logs.simulate.true_loop import nominal_plant, true_controller
+
+ARDUPILOT: Final = PositionHold()
+PX4: Final = PositionHold(
+    position_per_s=0.95,
+    proportional_per_s=1.8,
+    integral_per_s2=0.4,
+    derivative=0.2,
+    error_hz=0.0,
+    slope_of_error=False,
+    lag_s=0.0,
+    period_s=0.02,
+)
+HOLDS: Final = {"ardupilot": ARDUPILOT, "px4": PX4}
+_QUIET: Final = Noise(
+    gyro_rad_s_per_rthz=0.0, gyro_bias_rad_s=(0.0, 0.0, 0.0), accelerometer_m_s2_per_rthz=0.0
+)
+
+
+def setup(autopilot: str, hold: PositionHold, *, seconds: float = 30.0, scenario: str = "hover") -> Setup:
+    """Return a flight of a path in calm air without noise."""
+    first = plan_flights(SCENARIOS[scenario], seed=3, duration_s=seconds, rate_hz=400, autopilot=autopilot)[0]
+    return dataclasses.replace(first, position=hold, noise=_QUIET)
+
+
+def flown(autopilot: str, hold: PositionHold, *, seconds: float = 30.0) -> Record:
+    return fly(setup(autopilot, hold, seconds=seconds))
+
+
+def log_of(autopilot: str, *, scenario: str = "hover", seconds: float = 30.0) -> FlightLog:
+    """Return the log of a flight with the firmware's own gains."""
+    record = fly(setup(autopilot, HOLDS[autopilot], seconds=seconds, scenario=scenario))
+    return log_flights((record,), Logging())
+
+
+def cascade(hold: PositionHold) -> CascadeController:
+    """Return the controllers of a hold as the package describes them."""
+    return CascadeController(
+        position_per_s=hold.position_per_s,
+        proportional_per_s=hold.proportional_per_s,
+        integral_per_s2=hold.integral_per_s2,
+        derivative=hold.derivative,
+        error_hz=hold.error_hz,
+        derivative_hz=hold.derivative_hz,
+        slope_of_error=hold.slope_of_error,
+        period_s=hold.period_s,
+        gains={},
+    )
+
+
+def true_loop(autopilot: str, hold: PositionHold) -> OuterLoop:
+    """Return the loop of the simulator's own vehicle and controllers."""
+    flight = setup(autopilot, hold)
+    command = AttitudeCommand(lags_s=(hold.lag_s,) if hold.lag_s else (), forward=hold.lag_s > 0.0)
+    found = close_outer(true_controller(flight, 1), nominal_plant(flight, 1), command, cascade(hold), np.inf)
+    assert found is not None
+    return found
