@@ -591,7 +591,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The torque was logged in coarse steps",
                 "The logged torque takes whole steps only. Where it was cut toward zero, as a cast to "
                 "whole numbers does, it is too small and the effectiveness too high. Where it was "
-                "rounded, the effectiveness is right. The log does not tell which; the interval covers both.",
+                "rounded, the effectiveness is right. Where commands tell which, what was cut is put back; "
+                "elsewhere the interval covers both.",
                 "Log the torque with more digits, and fly the manoeuvre with larger commands.",
             ),
             _entry(

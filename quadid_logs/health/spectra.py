@@ -200,7 +200,8 @@ def _shapes() -> tuple[FloatArray, FloatArray]:
 
     A resonance's spectrum is Cauchy's around its frequency, and a Hann window smears each part of it.
     """
-    shift = _SHIFT * np.arange(-round(_FARTHEST / _SHIFT), round(_FARTHEST / _SHIFT) + 1)
+    n_shifts = round(_FARTHEST / _SHIFT)
+    shift = np.asarray(_SHIFT * np.arange(-n_shifts, n_shifts + 1), dtype=np.float64)
     away = _SHIFT * np.arange(round((_FITTED + _FARTHEST) / _SHIFT) + 1)
     quantiles = np.tan(np.pi * ((np.arange(_PARTS) + 0.5) / _PARTS - 0.5))
     parts = away[np.newaxis, :, np.newaxis] - np.array(_WIDTHS)[:, np.newaxis, np.newaxis] * quantiles

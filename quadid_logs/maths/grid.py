@@ -53,5 +53,5 @@ def step_of(values: FloatArray) -> float:
         multiple = levels / step
         off = samples[np.abs(multiple - np.rint(multiple)) > _OFF].sum()
         if size.size - count[~again].sum() - off >= _ON_GRID * size.size:
-            return step
+            return float(step)
     return 0.0

@@ -93,7 +93,7 @@ def test_gust_error_that_nobody_can_tell_is_no_reason_to_change_filters() -> Non
 
 
 def test_filters_leave_no_axis_worse_that_no_gains_alone_help() -> None:
-    """It was left with four times the gust error that it flew with: a refused axis had no error to compare."""
+    """It was left with four times its gust error: a refused axis had no error to compare."""
     assert not is_no_worse(_next(1.01), _next(float("nan"), verdict="refused"))
 
 
