@@ -27,9 +27,9 @@ def test_filters_stay_where_gains_alone_leave_less_of_gusts(
     flown = analyze(tmp_path / "flight.bin")
     held: list[tuple[AxisTuning, AxisTuning]] = []
 
-    def noted(filtered: AxisTuning, alone: AxisTuning) -> bool:
+    def noted(filtered: AxisTuning, alone: AxisTuning, in_the_end: float) -> bool:
         held.append((filtered, alone))
-        return is_no_worse(filtered, alone)
+        return is_no_worse(filtered, alone, in_the_end)
 
     monkeypatch.setattr(recommend_module, "is_no_worse", noted)
     found = recommend(flown, filters=True)
