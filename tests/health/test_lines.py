@@ -89,19 +89,32 @@ def test_a_line_beside_every_rotor_s_speed_is_not_named_by_one() -> None:
     assert [line.source for line in noise.lines["roll"]] == [LineSource.UNKNOWN]
 
 
-@pytest.mark.parametrize("throttle_only", [False, True])
-def test_a_frame_beside_the_stronger_line_of_a_rotor_is_not_named_by_it(*, throttle_only: bool) -> None:
-    """Rotors at 95 to 105 Hz; the frame rings at 124 Hz, within a quarter of which theirs is the peak."""
+def beside_a_rotor(
+    frame_hz: float, swing_hz: float, period_s: float, *, heard: bool
+) -> dict[float, LineSource]:
+    """Return by frequency what lines are called where a rotor's is the stronger in most windows."""
     t = grid(RATE_HZ)
-    speed_hz = 100.0 + 5.0 * np.sin(2.0 * np.pi * t / 20.0)
-    _, rates = gyro_with(speed_hz, 0.04)
-    rates[:, 0] += 0.01 * resonance(5, t.size, RATE_HZ, 124.0, 0.003)[:, 0]
-    throttle = series("throttle", t, 0.4 * (speed_hz[:, np.newaxis] / 100.0) ** 2)
-    rotors = None if throttle_only else series("rotor_speed", t, 2.0 * np.pi * speed_hz[:, np.newaxis])
+    speed_hz = 95.0 + swing_hz * np.sin(2.0 * np.pi * t / period_s)
+    _, rates = gyro_with(speed_hz, 0.1)
+    rings = resonance(5, t.size, RATE_HZ, frame_hz, 0.003)[:, 0]
+    rates[:, 0] += 0.01 * rings / rings.std()
+    throttle = series("throttle", t, 0.4 * (speed_hz[:, np.newaxis] / 95.0) ** 2)
+    rotors = series("rotor_speed", t, 2.0 * np.pi * speed_hz[:, np.newaxis]) if heard else None
     noise = find_noise([series("body_rate", t, rates)], None, throttle, rotors, ((t[0], t[-1]),))
     assert noise is not None
-    named = {round(line.frequency_hz, -1): line.source for line in noise.lines["roll"]}
-    assert named[120.0] is LineSource.UNKNOWN
+    return {round(line.frequency_hz): line.source for line in noise.lines["roll"]}
+
+
+def test_a_frame_that_rings_where_no_rotor_turned_is_not_named_by_one() -> None:
+    """Rotors at 79 to 111 Hz, the frame at 118, within a quarter of which theirs is the peak."""
+    assert beside_a_rotor(118.0, 16.0, 40.0, heard=True)[118] is LineSource.UNKNOWN
+
+
+def test_a_frame_beside_a_line_that_rises_with_the_throttle_does_not() -> None:
+    """It is followed no further than halfway to the other line."""
+    found = beside_a_rotor(115.0, 5.0, 20.0, heard=False)
+    assert found.pop(115) is LineSource.UNKNOWN
+    assert set(found.values()) == {LineSource.FOLLOWS_THROTTLE}
 
 
 def test_a_part_that_rings_is_found_within_half_a_hertz_however_wide_its_line() -> None:
