@@ -375,12 +375,9 @@ class _Equations:
         def moments(lines: ComplexArray) -> ComplexArray:
             return axis.summed((weight * lines).sum(axis=0))
 
-        # An actuator answers alike in all blocks.
-        torque, by_slope = ((weight * each).sum(axis=0) for each in (axis.torque, axis.by_slope))
-
         def of_torque(actuator: SharedActuator) -> ComplexArray:
             response, slope = axis.response(actuator)
-            return axis.summed(response * torque + slope * by_slope)
+            return moments(response * axis.torque + slope * axis.by_slope)
 
         size = theta[0] * np.abs(of_torque(self.actuator))
         variance = 0.5 * moment_noise(axis, instrument, self.error[place]) + axis.variance * size**2

@@ -199,6 +199,19 @@ def test_the_part_that_is_asked_for_is_what_flew() -> None:
     assert held.no_less_than_flown(GOOD).kept(GOOD).otherwise == pytest.approx(1.0)
 
 
+def test_gains_that_lack_margin_in_another_condition_alone_are_not_kept() -> None:
+    """As the vehicle flies they would do."""
+    plant = Plant(*(np.array([one]) for one in (250.0, -2.0, 0.03, 0.003)))
+    controller = Vehicle().controller
+    loops, other = (scaled_loops(controller, one, np.inf) for one in (plant, plant.times(3.0)))
+    enough = HeldLoops(loops, (loops,)).kept(GOOD)
+    assert HeldLoops(loops, (loops,)).keep(GOOD, enough)
+    assert HeldLoops(loops, (loops,)).keep_with(controller, GOOD, enough)
+    assert not HeldLoops(loops, (other,)).keep(GOOD, enough)
+    assert not HeldLoops(loops, (other,)).keep_with(controller, GOOD, enough)
+    assert not HeldLoops(other, (loops,)).keep(GOOD, enough)
+
+
 # The rest flies.
 
 
