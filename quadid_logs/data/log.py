@@ -256,6 +256,18 @@ class ControllerTerms:
     values: Mapping[str, FloatArray]
 
 
+#: What `PositionRows` may hold.
+POSITION_VALUES: Final = (
+    "position_target",
+    "position",
+    "velocity_forward",
+    "velocity_target",
+    "velocity",
+    "acceleration_forward",
+    "acceleration_target",
+)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PositionRows:
     """What the log holds of the controllers of position and velocity along one direction.

@@ -11,6 +11,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.ardupilot.frames import frame_geometry
+from quadid_logs.data.log import POSITION_VALUES
 from quadid_logs.errors import SimulationError
 from quadid_logs.maths.frames import normalised_allocation, torque_matrix
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple, inertia_terms
@@ -49,7 +50,7 @@ from quadid_logs.simulate.faults import MotorFaults, RotorVibration
 from quadid_logs.simulate.manoeuvres import Reference
 from quadid_logs.simulate.outputs import OutputCurve, output_curve
 from quadid_logs.simulate.plant import Body, State, advance, at_rest
-from quadid_logs.simulate.position_hold import DIRECTIONS, VALUES, Navigator, PositionHold
+from quadid_logs.simulate.position_hold import DIRECTIONS, Navigator, PositionHold
 from quadid_logs.simulate.wind import Wind, dryden_wind
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
@@ -214,7 +215,7 @@ EXTRA: Final = (
 )
 #: Of flights that hold positions: values of both directions, and the attitude's target.
 NAVIGATION: Final = (
-    Channel("position_control", len(VALUES) * len(DIRECTIONS)),
+    Channel("position_control", len(POSITION_VALUES) * len(DIRECTIONS)),
     Channel("attitude_target", 3),
 )
 

@@ -12,6 +12,7 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import (
     NO_GYRO_FILTER,
+    POSITION_VALUES,
     ControllerTerms,
     FlightLog,
     GyroFilter,
@@ -28,7 +29,7 @@ from quadid_logs.simulate.closed_loop import Record, Setup, before_change, chang
 from quadid_logs.simulate.control import thrust_of_throttle
 from quadid_logs.simulate.effects import with_outliers
 from quadid_logs.simulate.faults import ACCELEROMETER_RANGE_M_S2, shaken
-from quadid_logs.simulate.position_hold import DIRECTIONS, VALUES
+from quadid_logs.simulate.position_hold import DIRECTIONS
 from quadid_logs.simulate.vendors import (
     POSITION_ROWS,
     SYSID_STREAM,
@@ -490,10 +491,12 @@ def _position_control(messages: list[_MessageRows], positions: list[IntArray]) -
     for rows, position in zip(messages, positions, strict=True):
         if POSITION_ROWS not in rows.values:
             continue
-        columns = rows.values[POSITION_ROWS].T.reshape(len(DIRECTIONS), len(VALUES), -1)
+        columns = rows.values[POSITION_ROWS].T.reshape(len(DIRECTIONS), len(POSITION_VALUES), -1)
         shared = Rows(rows.stamp_s, position)
         for direction, found in zip(DIRECTIONS, columns, strict=True):
-            yield PositionRows(direction=direction, rows=shared, values=dict(zip(VALUES, found, strict=True)))
+            yield PositionRows(
+                direction=direction, rows=shared, values=dict(zip(POSITION_VALUES, found, strict=True))
+            )
 
 
 def _modes(

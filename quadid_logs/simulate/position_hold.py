@@ -10,22 +10,13 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.data.log import POSITION_VALUES
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple
 from quadid_logs.maths.rotations import quaternion_from_euler
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
 #: No steeper tilt is wanted [rad].
 _STEEPEST: Final = 0.6
-#: Of what one direction's controllers were given and gave, in the order of the record.
-VALUES: Final = (
-    "position_target",
-    "position",
-    "velocity_forward",
-    "velocity_target",
-    "velocity",
-    "acceleration_forward",
-    "acceleration_target",
-)
 DIRECTIONS: Final = ("north", "east")
 
 
@@ -96,7 +87,7 @@ class Navigator:
         self._every = max(round(hold.period_s * loop_hz), 1)
         self._place, self._target = [0.0, 0.0], [0.0, 0.0]
         self._axes = [_Velocity(hold, self._every * self._step_s) for _ in DIRECTIONS]
-        self._row: tuple[float, ...] = (0.0,) * (len(VALUES) * len(DIRECTIONS))
+        self._row: tuple[float, ...] = (0.0,) * (len(POSITION_VALUES) * len(DIRECTIONS))
         self._wanted = (0.0, 0.0)
 
     def fly(self, step: int, velocity: Sequence[float]) -> Navigated:
@@ -149,7 +140,7 @@ class _Velocity:
         self._before: float | None = None
 
     def update(self, wanted: Sequence[float], place: float, speed: float) -> tuple[float, ...]:
-        """Return what went in and came out, by `VALUES`."""
+        """Return what went in and came out, by `POSITION_VALUES`."""
         hold, (position, forward, acceleration) = self._hold, wanted
         target = forward + hold.position_per_s * (position - place)
         error_before = self._error

@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, FloatArray
-from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.data.log import POSITION_VALUES, FlightLog, Signal
 from quadid_logs.maths.rotations import quaternion_from_euler
 from quadid_logs.vocabulary import AXES
 from quadid_logs.writers.flight_modes import find_mode
@@ -69,16 +69,6 @@ FUNCTION_MOTOR1 = 101
 #: Samples in a row of 32 places, and a count of a range of 2000 deg/s [rad/s].
 FIFO_SAMPLES, FIFO_LENGTH, GYRO_SCALE = 8, 32, math.radians(2000.0) / 32768.0
 
-#: What `PositionRows` may hold.
-_POSITION_VALUES = (
-    "position_target",
-    "position",
-    "velocity_forward",
-    "velocity_target",
-    "velocity",
-    "acceleration_forward",
-    "acceleration_target",
-)
 Topic = tuple[str, int, Stamps, dict[str, Field]]
 
 
@@ -271,7 +261,7 @@ def _positions(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
     known = {each.direction: each.values for each in log.position_control if each.rows is rows}
     columns = {
         name: [known.get(direction, {}).get(name, unknown) for direction in ("north", "east", "down")]
-        for name in _POSITION_VALUES
+        for name in POSITION_VALUES
     }
     vectors = {name: np.column_stack(each) for name, each in columns.items()}
     setpoint, state, path = POSITIONS
