@@ -594,7 +594,8 @@ class Excitation:
     is the ratio of explained to unexplained acceleration in the fitted band;
     spectra of the rate and the torque over ``frequency_hz`` (n_frequencies,)
     with their ``coherence``. ``noise_in_phase``: coherence of torque and angular acceleration without any
-    delay, above all motion; ``bandwidth``: standard deviation of the torque's frequency over its mean, in
+    delay, above all motion; ``difference_r2``: how much of the torque there a difference of neighbouring
+    rates explains, NaN in slow logs; ``bandwidth``: standard deviation of the torque's frequency over its mean, in
     the fitted band; ``line_fraction`` of its power is in the strongest line, at ``line_hz``.
     ``path``: what lies between torque and acceleration, None where the flight is too short to tell.
     """
@@ -608,6 +609,7 @@ class Excitation:
     torque_psd: FloatArray
     coherence: FloatArray
     noise_in_phase: float = float("nan")
+    difference_r2: float = float("nan")
     bandwidth: float = float("nan")
     line_hz: float = float("nan")
     line_fraction: float = float("nan")

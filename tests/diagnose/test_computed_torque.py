@@ -11,7 +11,13 @@ from quadid_logs.diagnose.structural_findings import _computed_from_rates
 NOTHING = np.zeros(0)
 
 
-def axis(*, p_value: float, explained: float = 0.95, noise_in_phase: float = 0.1) -> Excitation:
+def axis(
+    *,
+    p_value: float,
+    explained: float = 0.95,
+    noise_in_phase: float = 0.1,
+    difference_r2: float = 0.6,
+) -> Excitation:
     """Return an axis with a path of that p-value."""
     path = TorquePath(
         lag_s=0.0,
@@ -31,6 +37,7 @@ def axis(*, p_value: float, explained: float = 0.95, noise_in_phase: float = 0.1
         torque_psd=NOTHING,
         coherence=NOTHING,
         noise_in_phase=noise_in_phase,
+        difference_r2=difference_r2,
         path=path,
     )
 
@@ -48,6 +55,10 @@ FLOWN, COMPUTED = axis(p_value=1.0), axis(p_value=1e-6)
         ((FLOWN, FLOWN, COMPUTED), ()),
         ((FLOWN, FLOWN, axis(p_value=1e-6, noise_in_phase=0.99)), (2,)),
         ((axis(p_value=1e-6, explained=0.2), FLOWN, FLOWN), ()),
+        # Even the noise of the gyro is in a torque that is a difference of the rates.
+        ((FLOWN, axis(p_value=0.3, difference_r2=0.98), FLOWN), (0, 1, 2)),
+        ((FLOWN, FLOWN, axis(p_value=0.3, difference_r2=0.98)), ()),
+        ((axis(p_value=0.3, difference_r2=float("nan")), FLOWN, FLOWN), ()),
     ],
 )
 def test_roll_and_pitch_tell_of_all_axes_and_yaw_of_itself(
