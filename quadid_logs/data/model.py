@@ -609,11 +609,11 @@ class Excitation:
     torque_psd: FloatArray
     coherence: FloatArray
     noise_in_phase: float = float("nan")
-    difference_r2: float = float("nan")
     bandwidth: float = float("nan")
     line_hz: float = float("nan")
     line_fraction: float = float("nan")
     path: TorquePath | None = None
+    difference_r2: float = float("nan")
 
 
 def _nothing() -> FloatArray:

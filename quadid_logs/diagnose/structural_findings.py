@@ -272,9 +272,10 @@ def _by_spectra(fits: Sequence[SpectralFit]) -> Iterator[Finding]:
             if effect == "cut steps":
                 # The finding about the steps is there already.
                 continue
-            # The interval covers what their form leaves open; that of a tilt is known.
+            # The interval covers what the form of one leaves open; two that are large may pass for each other.
             large = abs(fit.shift) > LARGE_SHIFT and effect not in _LINEAR
-            level: Level = "warning" if large else "info"
+            together = sum(each not in _LINEAR for each in fit.effects) > 1
+            level: Level = "warning" if large and together else "info"
             evidence: dict[str, object] = {
                 "effect": effect,
                 "effectiveness_with_it": rounded(1.0 + fit.shift, 3),
