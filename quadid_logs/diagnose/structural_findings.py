@@ -272,7 +272,7 @@ def _by_spectra(fits: Sequence[SpectralFit]) -> Iterator[Finding]:
             if effect == "cut steps":
                 # The finding about the steps is there already.
                 continue
-            # The interval covers what the form of one leaves open; two that are large may pass for each other.
+            # The interval covers what the form of one leaves open; of two, one may pass for the other.
             large = abs(fit.shift) > LARGE_SHIFT and effect not in _LINEAR
             together = sum(each not in _LINEAR for each in fit.effects) > 1
             level: Level = "warning" if large and together else "info"

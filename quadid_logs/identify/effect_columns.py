@@ -21,6 +21,11 @@ from quadid_logs.maths.rotations import tilt_from_rates
 #: Where dead zones and limits are looked for, as quantiles of the torque's size.
 _DEAD_ZONES: Final = (0.1, 0.2, 0.35, 0.5, 0.65)
 _LIMITS: Final = (0.8, 0.9, 0.96)
+#: Judged, no source: steps of outputs, friction and dead bands of speed controllers are some tenths of a per
+#: cent of the full command, and one vehicle of three that has any effect has such a dead zone: it is as
+#: likely as three of the six other kinds.
+_SMALL_DEAD_ZONE = 0.005
+_OTHERS = 3.0
 #: Standard deviations of the coefficients. From nothing to all of the torque is lost below a dead zone or
 #: beyond a limit; rotors that slow down twice as slowly as they speed up lack a third as much again.
 _LOST = 0.5
@@ -54,11 +59,14 @@ class EffectColumn(NamedTuple):
 
 
 class Loss(NamedTuple):
-    """What an effect takes from a torque (n_samples, 3) at one level, and its weight among all levels."""
+    """What an effect takes from a torque (n_samples, 3) at one level.
+
+    ``weight`` of the level among all of its effect's: one, or (3,) of each axis.
+    """
 
     effect: Effect
     lost: Callable[[FloatArray], FloatArray]
-    weight: float
+    weight: float | FloatArray
 
 
 class FlownSignals:
@@ -132,7 +140,8 @@ class FlownSignals:
     def of_loss(self, loss: Loss, spread: float = _LOST) -> EffectColumn | None:
         """Return the column about all axes of what an effect takes from the torque."""
         made = [loss.lost] * len(self.records)
-        return self.column(loss.effect, made, lost=True, spread=spread, weight=loss.weight)
+        weight = float(np.mean(loss.weight))
+        return self.column(loss.effect, made, lost=True, spread=spread, weight=weight)
 
 
 def effect_columns(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn]:
@@ -148,11 +157,12 @@ def effect_columns(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn
     ------
     EffectColumn
     """
-    for loss in _losses_of_axes(signals.torques, signals.data.sample_period_s, lag_s):
-        column = signals.of_loss(loss)
+    torques, described = signals.torques, signals.data.input
+    for loss in _losses_of_axes(torques, described, signals.data.sample_period_s, lag_s):
+        column, weights = signals.of_loss(loss), np.broadcast_to(loss.weight, 3).tolist()
         if column is not None:
-            yield from (column._replace(axes=(axis,)) for axis in signals.moved)
-    for loss in (*_losses_of_rotors(signals.torques, signals.data.input), *_losses_of_all(signals.torques)):
+            yield from (column._replace(axes=(axis,), weight=weights[axis]) for axis in signals.moved)
+    for loss in (*_losses_of_rotors(torques, described), *_losses_of_all(torques, described)):
         column = signals.of_loss(loss)
         if column is not None:
             yield column
@@ -219,20 +229,32 @@ def _beyond(torque: FloatArray, level: FloatArray) -> FloatArray:
     return torque - np.clip(torque, -level, level)
 
 
-def _losses_of_axes(torques: Sequence[FloatArray], period_s: float, lag_s: float) -> Iterator[Loss]:
+def _losses_of_axes(
+    torques: Sequence[FloatArray], described: InputDescription | None, period_s: float, lag_s: float
+) -> Iterator[Loss]:
     """Yield what the torque about each axis may lose by itself."""
     sizes = np.abs(np.concatenate(torques))
     for level in np.quantile(sizes, _DEAD_ZONES, axis=0):
-        yield Loss("threshold", partial(_below, level=level), 0.5 / len(_DEAD_ZONES))
+        yield Loss("threshold", partial(_below, level=level), _dead_zone_weight(level, described))
     for level in np.quantile(sizes, _LIMITS, axis=0):
         yield Loss("limit", partial(_beyond, level=level), 1.0 / len(_LIMITS))
     yield Loss("asymmetry", partial(_not_braked, period_s=period_s, lag_s=lag_s), 1.0)
 
 
-def _losses_of_all(torques: Sequence[FloatArray]) -> Iterator[Loss]:
+def _losses_of_all(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[Loss]:
     """Yield what one dead zone of the commands about all axes takes, as likely as one about each."""
     for level in np.quantile(np.abs(np.concatenate(torques)), _DEAD_ZONES):
-        yield Loss("threshold", partial(_below, level=level), 0.5 / len(_DEAD_ZONES))
+        yield Loss("threshold", partial(_below, level=level), _dead_zone_weight(level, described))
+
+
+def _dead_zone_weight(level: FloatArray, described: InputDescription | None) -> FloatArray:
+    """Return the weight of dead zones at a level, of one axis or of all: a small one is likelier.
+
+    How small it is, is known where the torque is a fraction of the full command.
+    """
+    of_command = described is not None and described.kind == "torque_command"
+    likelier = _OTHERS / (1.0 + level / _SMALL_DEAD_ZONE) if of_command else 0.0
+    return np.asarray(0.5 * (1.0 + likelier) / len(_DEAD_ZONES), dtype=np.float64)
 
 
 def _cut_steps(signals: FlownSignals) -> Iterator[EffectColumn]:

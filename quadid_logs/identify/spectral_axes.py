@@ -22,8 +22,8 @@ from quadid_logs.identify.validate import validate
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS, TORQUE_SYMBOLS
 
-#: What air does comes back in the torque through the controller, and lowers a fit in time by up to the part of
-#: the acceleration that it leaves unexplained: below the hundredth that gyros are off by, that is no matter.
+#: What air does comes back in the torque through the controller, and lowers a fit in time by up to the part
+#: of the acceleration that it leaves unexplained: below the hundredth that gyros are off by, it is no matter.
 _EXPLAINED_R2 = 0.99
 _NOT_TOLD = "the response to commands gives effectiveness and damping only"
 _YAW = 2
