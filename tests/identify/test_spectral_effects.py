@@ -248,3 +248,15 @@ def test_steps_that_were_rounded_are_left_as_they_are() -> None:
     fits = fit_by_spectra(replace(data, segments=(rounded,), input=described))
     assert not any("cut steps" in fit.effects for fit in fits)
     assert all(_holds(fits[axis], axis) for axis in range(2))
+
+
+def test_small_dead_zones_are_likelier_than_large_ones() -> None:
+    """The same flight, per unit of other commands, is as open to one that is smaller in proportion."""
+    data = _fly(8, gusts=3.0)
+    segment = data.segments[0]
+    vigorous, gentle = (
+        fit_by_spectra(replace(data, segments=(replace(segment, torque=scale * segment.torque),)))[1]
+        for scale in (10.0, 0.1)
+    )
+    assert gentle.gain == pytest.approx(100.0 * vigorous.gain, rel=1e-3)
+    assert gentle.by_effects > 1.2 * vigorous.by_effects
