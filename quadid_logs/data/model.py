@@ -593,10 +593,10 @@ class Excitation:
     ``torque_rms`` in the input's unit, ``rate_rms_rad_s``; ``signal_to_noise``
     is the ratio of explained to unexplained acceleration in the fitted band;
     spectra of the rate and the torque over ``frequency_hz`` (n_frequencies,)
-    with their ``coherence``. ``noise_in_phase``: coherence of torque and angular acceleration without any
-    delay, above all motion; ``difference_r2``: how much of the torque there a difference of neighbouring
-    rates explains, NaN in slow logs; ``bandwidth``: standard deviation of the torque's frequency over its mean, in
-    the fitted band; ``line_fraction`` of its power is in the strongest line, at ``line_hz``.
+    with their ``coherence``. ``difference_r2``: how much of the torque above all motion a difference of
+    neighbouring rates explains, NaN in slow logs; ``bandwidth``: standard deviation of the torque's frequency
+    over its mean, in the fitted band; ``line_fraction`` of its power is in the strongest line, at
+    ``line_hz``.
     ``path``: what lies between torque and acceleration, None where the flight is too short to tell.
     """
 
@@ -608,7 +608,6 @@ class Excitation:
     rate_psd: FloatArray
     torque_psd: FloatArray
     coherence: FloatArray
-    noise_in_phase: float = float("nan")
     bandwidth: float = float("nan")
     line_hz: float = float("nan")
     line_fraction: float = float("nan")

@@ -48,9 +48,6 @@ _ACROBATICS_RAD_S = 5.0
 #: Gyros and calibrations leave two per cent: less is no matter. In the fitted band a torque is half of what
 #: it is as a whole, or more, and a step twice as much of it.
 _COARSE = 0.01
-#: Yaw leads where rotors react, by as much as they lag: there, noise of the gyro has to be in the torque at
-#: the same moment, too (measured: -0.4 to 0.7, the latter where rates were smoothed; computed, it is 1).
-_IN_PHASE = 0.95
 #: A difference of neighbouring rates explains no more of a torque behind a rotor (see `identify.excitation`);
 #: of 393 flown and firmware logs at most 0.65.
 _IS_DIFFERENCE = 0.95
@@ -210,12 +207,16 @@ def _one_frequency(excitation: Excitation, axis: str, *, told: bool) -> Finding:
 
 
 def _computed_from_rates(excitation: Sequence[Excitation]) -> tuple[int, ...]:
-    """Return the axes whose torque was computed from the rates: all where roll's or pitch's was."""
-    found = [number for number, each in enumerate(excitation) if _has_no_path(each.path)]
-    differences = [each.difference_r2 > _IS_DIFFERENCE for each in excitation[:_TILTING]]
-    if any(differences) or any(number < _TILTING for number in found):
+    """Return the axes whose torque was computed from the rates: all where roll's or pitch's was.
+
+    Yaw leads where rotors react, by as much as they lag: without a path it is computed only where the noise
+    of the gyro is in the torque, too.
+    """
+    is_difference = [each.difference_r2 > _IS_DIFFERENCE for each in excitation]
+    no_path = [_has_no_path(each.path) for each in excitation]
+    if any(is_difference[:_TILTING]) or any(no_path[:_TILTING]):
         return tuple(range(len(excitation)))
-    return tuple(number for number in found if excitation[number].noise_in_phase > _IN_PHASE)
+    return tuple(number for number in range(len(excitation)) if is_difference[number] and no_path[number])
 
 
 def _has_no_path(path: TorquePath | None) -> bool:

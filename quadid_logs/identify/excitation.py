@@ -143,21 +143,10 @@ def _axis(
         rate_psd=spectra.output_psd,
         torque_psd=spectra.input_psd,
         coherence=spectra.coherence,
-        noise_in_phase=_noise_in_phase(spectra),
         difference_r2=_difference_r2(spectra, data.sample_period_s),
         path=torque_path(data.segments, axis, data.sample_period_s),
         **_spread(spectra, band_hz)._asdict(),
     )
-
-
-def _noise_in_phase(spectra: Spectra) -> float:
-    """Return the mean in-phase coherence of torque and angular acceleration above all motion.
-
-    The acceleration is j omega times the rate, so its in-phase part is minus the rate's quadrature.
-    """
-    noise, size = _is_noise(spectra), np.sqrt(spectra.input_psd * spectra.output_psd)
-    in_phase = np.divide(-spectra.cross.imag, size, out=np.zeros_like(size), where=size > 0.0)
-    return float(np.mean(in_phase[noise])) if noise.any() else float("nan")
 
 
 def _is_noise(spectra: Spectra) -> BoolArray:

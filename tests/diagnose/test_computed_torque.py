@@ -15,7 +15,6 @@ def axis(
     *,
     p_value: float,
     explained: float = 0.95,
-    noise_in_phase: float = 0.1,
     difference_r2: float = 0.6,
 ) -> Excitation:
     """Return an axis with a path of that p-value."""
@@ -36,7 +35,6 @@ def axis(
         rate_psd=NOTHING,
         torque_psd=NOTHING,
         coherence=NOTHING,
-        noise_in_phase=noise_in_phase,
         difference_r2=difference_r2,
         path=path,
     )
@@ -53,7 +51,7 @@ FLOWN, COMPUTED = axis(p_value=1.0), axis(p_value=1e-6)
         ((FLOWN, COMPUTED, FLOWN), (0, 1, 2)),
         # Rotors whose reaction leads by as much as they lag look like that in yaw.
         ((FLOWN, FLOWN, COMPUTED), ()),
-        ((FLOWN, FLOWN, axis(p_value=1e-6, noise_in_phase=0.99)), (2,)),
+        ((FLOWN, FLOWN, axis(p_value=1e-6, difference_r2=0.99)), (2,)),
         ((axis(p_value=1e-6, explained=0.2), FLOWN, FLOWN), ()),
         # Even the noise of the gyro is in a torque that is a difference of the rates.
         ((FLOWN, axis(p_value=0.3, difference_r2=0.98), FLOWN), (0, 1, 2)),
