@@ -49,7 +49,7 @@ _ACROBATICS_RAD_S = 5.0
 #: it is as a whole, or more, and a step twice as much of it.
 _COARSE = 0.01
 #: A difference of neighbouring rates explains no more of a torque behind a rotor (see `identify.excitation`);
-#: of 393 flown and firmware logs at most 0.65.
+#: of 198 flown and firmware logs at most 0.65.
 _IS_DIFFERENCE = 0.95
 #: Of torques that act through rotors, one in a thousand looks as if nothing lay between by chance.
 _BY_CHANCE = 1e-3
