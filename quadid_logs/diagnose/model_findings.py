@@ -190,7 +190,7 @@ def _poorly_excited(axis: _Axis) -> Finding | None:
     needed = MIN_RATE_RMS_DEG_S
     if axis.rate_rms_deg_s >= needed:
         return None
-    title = f"{axis.name.capitalize()} was poorly excited ({rounded(axis.rate_rms_deg_s)} deg/s rms)"
+    title = f"{axis.name.capitalize()} was poorly excited ({rounded(axis.rate_rms_deg_s, 2)} deg/s rms)"
     return axis.finding("QL403", "error", {**_evidence(axis), "needed_deg_s": needed}, title)
 
 

@@ -80,6 +80,7 @@ class BetaflightAdvice(Advice):
     )
     excitation_parameters = SWEEP_SETTINGS
     excitation_entry = "rate"
+    excitation_by = "the CHIRP mode"
     #: chirp_lag_freq_hz and chirp_lead_freq_hz by default.
     excitation_lead_lag_hz = (3.0, 30.0)
     gyro_filter_parameter = "gyro_lpf1_static_hz"
@@ -132,9 +133,10 @@ class BetaflightAdvice(Advice):
         if version is not None and version < _CHIRP_SINCE:
             return super().excitation(axes, version)
         return (
-            "Set debug_mode = CHIRP. In calm air, hover and switch on the CHIRP mode for "
-            f"{listed(axes)}, each for chirp_time_seconds: each time it is switched on it moves the next "
-            f"axis. If the build has no CHIRP mode, {self._doublets(axes)}"
+            "Set debug_mode = CHIRP. In calm air, hover, switch the CHIRP mode on for chirp_time_seconds, and "
+            "off again; do this three times. Each time the firmware moves another axis, until roll, pitch "
+            "and yaw have had their turn. "
+            f"If the build has no CHIRP mode, {self._doublets(axes)}"
         )
 
     def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
@@ -142,11 +144,10 @@ class BetaflightAdvice(Advice):
         *flown, land = super().steps(axes, sweeps)
         since = ".".join(map(str, _CHIRP_SINCE))
         chirp = (
-            f"A build with CHIRP ({since} or later) can do it by itself: paste {CHIRP} on the command "
-            f"line, and in "
-            "place of the doublets switch on that mode six times, each for chirp_time_seconds. Each time "
-            "it moves "
-            f"the next axis, so that every axis is moved twice in one log. Afterwards paste {CHIRP_OFF}."
+            f"A build with CHIRP ({since} or later) can do the doublets' work: paste {CHIRP} on the command "
+            "line, and switch the CHIRP mode on six times for chirp_time_seconds, with a pause between. The "
+            "firmware moves roll, pitch and yaw in turn, so that each is moved twice in one log. Afterwards "
+            f"paste {CHIRP_OFF}."
         )
         return (*flown, chirp, land)
 

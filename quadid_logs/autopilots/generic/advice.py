@@ -60,6 +60,8 @@ class Advice:
         What to set, and which link it takes, to receive the log in flight; "" where that cannot be.
     excitation_entry : str
         Where the autopilot can be excited: "mixer", "rate" (a rate set-point), or "" for nowhere.
+    excitation_by : str
+        What excites it there, in words.
     excitation_most_hz : float
         Fastest excitation that reaches it.
     excitation_lead_lag_hz : (float, float) or None
@@ -82,6 +84,7 @@ class Advice:
     logging_note: ClassVar[str] = ""
     live_note: ClassVar[str] = ""
     excitation_entry: ClassVar[str] = ""
+    excitation_by: ClassVar[str] = ""
     excitation_most_hz: ClassVar[float] = float("inf")
     excitation_lead_lag_hz: ClassVar[tuple[float, float] | None] = None
     unknown_mask_note: ClassVar[str] = ""
@@ -262,6 +265,19 @@ class Advice:
         dict of str to str
         """
         return {}
+
+    def logging_needs_update(self, version: Version | None) -> bool:  # noqa: ARG002
+        """Return whether `logging` says to update the firmware.
+
+        Parameters
+        ----------
+        version : tuple of int, or None
+
+        Returns
+        -------
+        bool
+        """
+        return False
 
     def controller_note(self, version: Version | None) -> str:  # noqa: ARG002
         """Say which firmware has a controller that is modelled, where this version is too old; else ""."""

@@ -62,6 +62,7 @@ class Px4Advice(Advice):
         "profile until you remove it"
     )
     excitation_entry = "rate"
+    excitation_by = "excite.py"
     excitation_most_hz = MOST_HZ
     gyro_filter_parameter = "IMU_GYRO_CUTOFF"
     hover_mode = "Stabilized or Altitude mode"
