@@ -304,8 +304,8 @@ def _expected(plan: Plan, prediction: Prediction) -> Iterator[str]:
         yield f"- motor lag {estimate(1e3 * model.actuator.lag_s, low, high)} ms"
     yield ""
     yield (
-        "In brackets: 95 % intervals. These values are those of the simulated vehicle. Yours differ with size, "
-        "vibration and wind. To simulate a vehicle more like yours, pass --vehicle FILE.toml."
+        "In brackets: 95 % intervals. These values are those of the simulated vehicle. Yours differ with "
+        "size, vibration and wind. To simulate a vehicle more like yours, pass --vehicle FILE.toml."
     )
 
 

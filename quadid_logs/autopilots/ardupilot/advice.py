@@ -76,6 +76,12 @@ class ArduPilotAdvice(Advice):
         "LOG_BACKEND_TYPE = 3 (card and MAVLink; live.param; restart the vehicle; live-back.param is the way "
         "back), and a link of about 130 kB/s, as USB or Wi-Fi"
     )
+    # The calibrations of sensors and sticks, what is learned in flight, and the counters.
+    not_set_by_hand = (
+        *("STAT_*", "AHRS_TRIM_?", "MOT_THST_HOVER", "BARO*_GND_PRESS", "RC*_MIN", "RC*_MAX", "RC*_TRIM"),
+        *("COMPASS_OFS*", "COMPASS_DIA*", "COMPASS_ODI*", "COMPASS_MOT*_?", "COMPASS_DEC"),
+        *("INS_ACC*OFFS_?", "INS_ACC*SCAL_?", "INS_GYR*OFFS_?", "INS_*_CALTEMP"),
+    )
     excitation_entry = "mixer"
     excitation_by = f"{SCRIPT} or System ID mode"
     gyro_filter_parameter = "INS_GYRO_FILTER"
@@ -244,8 +250,8 @@ class ArduPilotAdvice(Advice):
             "Put System ID (mode 25) on a switch beside AltHold or Stabilize.",
             "SID_MAGNITUDE is a fraction of full motor authority here, and its default of 15 would flip the "
             "vehicle: never switch to System ID before you have read it back.",
-            "Load parameter files on the ground, disarmed. During the hover only a second person at the ground "
-            "station may load one.",
+            "Load parameter files on the ground, disarmed. During the hover only a second person at the "
+            "ground station may load one.",
             *(step for axis in axes for step in _axis_steps(axis, sweeps[axis])),
             "After the last landing load sweep-off.param, which sets SID_AXIS back to 0.",
         )

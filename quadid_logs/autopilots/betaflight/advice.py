@@ -11,7 +11,6 @@ from quadid_logs.autopilots.betaflight.chirp import SWEEP_SETTINGS
 from quadid_logs.autopilots.betaflight.law import OLDEST_LAW, loop_period_us
 from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
 from quadid_logs.data.log import whole_number
-from quadid_logs.sentences import listed
 
 #: The chirp flight mode is in builds since then, where it was chosen (USE_CHIRP).
 _CHIRP_SINCE: Final[Version] = (2025, 12)
@@ -79,6 +78,8 @@ class BetaflightAdvice(Advice):
         }
     )
     excitation_parameters = SWEEP_SETTINGS
+    # A gain of "rollPID" has a name of its own beside it; the voltage is that of the battery.
+    not_set_by_hand = ("*[[]*", "vbatref")
     excitation_entry = "rate"
     excitation_by = "the CHIRP mode"
     #: chirp_lag_freq_hz and chirp_lead_freq_hz by default.
@@ -133,8 +134,8 @@ class BetaflightAdvice(Advice):
         if version is not None and version < _CHIRP_SINCE:
             return super().excitation(axes, version)
         return (
-            "Set debug_mode = CHIRP. In calm air, hover, switch the CHIRP mode on for chirp_time_seconds, and "
-            "off again; do this three times. Each time the firmware moves another axis, until roll, pitch "
+            "Set debug_mode = CHIRP. In calm air, hover, switch the CHIRP mode on for chirp_time_seconds, "
+            "and off again; do this three times. Each time the firmware moves another axis, until roll, pitch "
             "and yaw have had their turn. "
             f"If the build has no CHIRP mode, {self._doublets(axes)}"
         )

@@ -74,6 +74,8 @@ class Advice:
         How a file of gains is loaded, with {} for its name.
     room : str
         Where to fly a plan.
+    not_set_by_hand : tuple of str
+        Names, as patterns of the shell, of parameters that the autopilot measures, counts or repeats.
     """
 
     remedies: ClassVar[Mapping[str, str]] = _NOTHING
@@ -96,6 +98,8 @@ class Advice:
     room: ClassVar[str] = (
         "Choose calm air, a full battery, 10 m of room to all sides, and a height of 10 m or more."
     )
+
+    not_set_by_hand: ClassVar[tuple[str, ...]] = ()
 
     def logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to set so that rates and torque are logged at the loop rate.
