@@ -35,6 +35,7 @@ WATCH = """(() => {
 })()"""
 FLIGHTS = "document.querySelectorAll('.flights tbody tr').length"
 QUEUE = "document.querySelectorAll('#queue-list li')"
+FAILED = "document.querySelectorAll('#failed-list li')"
 
 
 @dataclass
@@ -80,7 +81,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
         browser.wait("document.querySelector('#drop') !== null && location.pathname === '/'")
         browser.run(WATCH)
         browser.drop([hostile_log(folder), LOGS / "products-of-inertia.ulg", LOGS / "doublets.tlog", broken])
-        browser.wait(f"{FLIGHTS} === 3 && {QUEUE}.length === 1", 240.0)
+        browser.wait(f"{FLIGHTS} === 3 && {FAILED}.length === 1 && {QUEUE}.length === 0", 240.0)
         yield Session(
             server, browser, browser.run("window.seen"), list(browser.problems), list(browser.requests)
         )
@@ -102,9 +103,9 @@ def test_each_log_has_a_verdict_per_axis(session: Session) -> None:
 
 def test_a_file_that_is_no_log_says_why(session: Session) -> None:
     """And stays until somebody deletes it."""
-    text = session.home().run("document.querySelector('#queue-list').innerText")
+    text = session.home().run("document.querySelector('#failed-list').innerText")
     assert "broken.bin" in text
-    assert "no flight log that we know" in text
+    assert "not a recognised flight log" in text
 
 
 def test_a_hostile_log_runs_no_script(session: Session) -> None:
