@@ -531,7 +531,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL526",
-                "A moment grows with the tilt",
+                "A moment that grows with the tilt turns the vehicle",
                 "The vehicle's own tilt turns it: a pendulum below the centre of mass, a sling load, or "
                 "an unstable shape in the wind of its own speed. The model has no such moment; the "
                 "interval covers the effectiveness with it.",

@@ -135,8 +135,8 @@ class BetaflightAdvice(Advice):
             return super().excitation(axes, version)
         return (
             "Set debug_mode = CHIRP. In calm air, hover, switch the CHIRP mode on for chirp_time_seconds, "
-            "and off again; do this three times. Each time the firmware moves another axis, until roll, pitch "
-            "and yaw have had their turn. "
+            "and off again; do this three times. Each time the firmware moves another axis, until roll, "
+            "pitch and yaw have had their turn. "
             f"If the build has no CHIRP mode, {self._doublets(axes)}"
         )
 
