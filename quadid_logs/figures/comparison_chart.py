@@ -23,7 +23,7 @@ def comparison_figure(comparison: Comparison) -> Figure | LeftOut:
         key="compare",
         title=f"{_TITLE}: {comparison.structure}",
         caption="Points: values with 95 % intervals. A difference counts as a change if the intervals, the "
-        "throttle and the usual spread between flights do not explain it."
+        "throttle and the typical spread between flights do not explain it."
         + (f" {hidden} more that did not change are not drawn." if hidden else ""),
         panels=tuple(_panel(quantity) for quantity in shown),
         columns=3,

@@ -117,8 +117,8 @@ def _table(comparison: Comparison) -> Table | None:
         caption=f"Every number that was compared (structure {printable(comparison.structure, 40)})",
         head=("", "before", "after", "difference", "smallest detectable"),
         rows=tuple(_row(quantity) for quantity in ordered),
-        note="Small: 95 % intervals. A difference counts as a change if it is larger than the smallest detectable"
-        " one: what the intervals and the usual spread between flights of one vehicle explain.",
+        note="Small: 95 % intervals. A difference counts as a change if it is larger than the smallest"
+        " detectable one: what the intervals and the typical spread between flights of one vehicle explain.",
     )
 
 

@@ -300,7 +300,7 @@
         `log ${number}, ${length < 10 ? length.toFixed(1) : Math.round(length)} s`)));
   };
 
-  // The gains stand where they were asked for: a button, then a link to the answer.
+  // The gains stand in the row of their log: a button, then a link to the answer.
   const gainsOf = (entry) => [...entries.values()].find((each) => each.kind === "tune" && each.logs[0] === entry.id);
   const gains = (entry) => {
     const answer = gainsOf(entry);
