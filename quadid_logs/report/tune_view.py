@@ -20,10 +20,10 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Direction, Limits, Tuning
 from quadid_logs.diagnose.advice import is_to_set, to_a_usable_axis
 from quadid_logs.diagnose.advice import next_steps as ordered_steps
-from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.cells import Cell, Table, estimated_cell
 from quadid_logs.report.commands import filled, on_next_log
 from quadid_logs.report.gain_files import exact, file_names
-from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
+from quadid_logs.report.numbers import estimate, number, percent, resolved
 from quadid_logs.report.off_nominal import condition_words, off_nominal_note, off_nominal_tables
 from quadid_logs.report.words import evidence_phrase
 from quadid_logs.sentences import listed
@@ -503,13 +503,7 @@ def _row(name: str, loop: str, margins: Margins) -> tuple[Cell, ...]:
         margins.crossover_hz,
         margins.oscillation_hz,
     )
-    return (head, *(_cell(one) for one in figures))
-
-
-def _cell(figure: Estimated | None) -> Cell:
-    if figure is None:
-        return Cell(text="–")
-    return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95))
+    return (head, *(estimated_cell(one) for one in figures))
 
 
 def _limits(limits: Limits) -> str:
