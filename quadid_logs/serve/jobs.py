@@ -161,7 +161,7 @@ def _summary(result: Result, row: Mapping[str, Any], lengths_s: Mapping[str, flo
         "started_from": row["started_from"],
         "n_flights": len(result.data.flights),
         "headline": headline(result),
-        "flown": flown_sentence(result) + _which_log(result, len(lengths_s)),
+        "flown": flown_sentence(result) + _which_log(result, lengths_s),
         "log": result.settings.log,
         "lengths_s": dict(lengths_s),
         "axes": {
@@ -170,10 +170,13 @@ def _summary(result: Result, row: Mapping[str, Any], lengths_s: Mapping[str, flo
     }
 
 
-def _which_log(result: Result, n_logs: int) -> str:
+def _which_log(result: Result, lengths_s: Mapping[str, float]) -> str:
     """Say which log of a file with several this is."""
-    number = result.settings.log
-    return f"; log {number}, one of {n_logs} in the file" if number else ""
+    number = str(result.settings.log)
+    if number not in lengths_s:
+        return ""
+    which = "the longest" if lengths_s[number] == max(lengths_s.values()) else "one"
+    return f"; log {number}, {which} of {len(lengths_s)} in the file"
 
 
 def _compare(job: Job, tell: Tell) -> Done:
