@@ -948,9 +948,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL638",
-                "The limits are not reached with one factor of P, I and D",
-                "The recommended gains are nearer to the limits than the flown ones. Filters, angle loop or "
-                "motors take the rest.",
+                "No common factor of P, I and D reaches the required margins",
+                "The recommended gains come closer to the required margins than the flown ones. Filters, "
+                "angle loop or motors take the rest.",
                 "Where a filter limits this axis, QL636 names it and its cut-off.",
                 scope="gains",
             ),
