@@ -257,7 +257,7 @@ def why_unknown(result: Result, axis: str) -> str:
         return continued(sentence).removesuffix(".")
     gain = model.entries.get(ON_AXIS[axis])
     if gain is None or not gain.identifiable:
-        return f"the flight does not tell the gain ({gain.reason if gain else 'not fitted'})"
+        return f"the flight does not identify the effectiveness ({gain.reason if gain else 'not fitted'})"
     return ""
 
 

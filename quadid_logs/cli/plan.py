@@ -63,7 +63,7 @@ def plan(
         typer.Option(
             "--propeller",
             metavar="INCHES",
-            help="How large the vehicle is, where no log tells [default: 10].",
+            help="Propeller diameter, where no log is given [default: 10].",
             show_default=False,
         ),
     ] = 10.0,

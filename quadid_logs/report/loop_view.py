@@ -47,7 +47,7 @@ def loop_view(result: Result) -> LoopView:
     if loop is None:
         return LoopView(intro=f"{_why_none(result)} Nothing is said of the loop.", sentences=(), margins=None)
     if not loop.axes:
-        text = "The log's parameters do not tell the controller, or it has parts that are not modelled."
+        text = "The log's parameters do not describe the controller, or it has parts that are not modelled."
         return LoopView(intro=f"{text} Nothing is said of the loop.", sentences=(), margins=None)
     return LoopView(
         intro=_intro(loop),

@@ -9,7 +9,7 @@ from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
 from quadid_logs.untrusted import printable
 
-_BY_SPEED: Final = "what the measured speeds of the rotors tell"
+_BY_SPEED: Final = "from the measured rotor speeds"
 
 
 def thrust_table(curve: ThrustCurve) -> Table:

@@ -247,7 +247,7 @@ class ArduPilotAdvice(Advice):
         if not sweeps:
             return ()
         return (
-            "Put System ID (mode 25) on a switch beside AltHold or Stabilize.",
+            "Put System ID (mode 25) on a switch together with AltHold or Stabilize.",
             "SID_MAGNITUDE is a fraction of full motor authority here, and its default of 15 would flip the "
             "vehicle: never switch to System ID before you have read it back.",
             "Load parameter files on the ground, disarmed. During the hover only a second person at the "

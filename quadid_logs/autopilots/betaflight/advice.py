@@ -53,7 +53,7 @@ _RANGES: Final = {
     for place, end in enumerate(("min", "max"))
 }
 _PROFILE: Final = (
-    "First choose the PID profile that flew, which no log tells: profile 0 is the first one.",
+    "First choose the PID profile that flew, which no log holds: profile 0 is the first one.",
     "Paste on the command line, disarmed.",
 )
 
