@@ -265,8 +265,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL403",
                 "This axis was poorly excited",
-                "The motion of the axis is mostly noise and gusts, not a response to commands. A number fitted "
-                "to that would look fine and be wrong.",
+                "The motion of the axis is mostly noise and gusts, not a response to commands. A number "
+                "fitted to that would look fine and be wrong.",
                 "Excite this axis: quick stick doublets for half a minute, or a system-ID chirp.",
                 step="fly",
             ),
