@@ -430,7 +430,7 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
     title = f"The {axis.name} effectiveness comes from the response to commands alone"
     if axis.r2 < _EXPLAINED:
         title = (
-            f"The air moved {axis.name} as well: its effectiveness comes from the response to commands alone"
+            f"Gusts moved {axis.name}, too: its effectiveness comes from the response to commands alone"
         )
     if fit.planned:
         title = (
