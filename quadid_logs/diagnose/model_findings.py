@@ -429,9 +429,7 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
     }
     title = f"The {axis.name} effectiveness comes from the response to commands alone"
     if axis.r2 < _EXPLAINED:
-        title = (
-            f"Gusts moved {axis.name}, too: its effectiveness comes from the response to commands alone"
-        )
+        title = f"Gusts moved {axis.name}, too: its effectiveness comes from the response to commands alone"
     if fit.planned:
         title = (
             f"The controller of {axis.name} answers its motion: the effectiveness comes from the planned "
