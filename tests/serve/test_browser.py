@@ -159,7 +159,7 @@ def test_two_flights_are_compared(session: Session) -> None:
 
 
 def test_the_next_gains_are_told_or_why_not(session: Session) -> None:
-    """As the verb tune does, in two clicks from the list: where the button was, a link leads to the answer."""
+    """As the verb tune does, in two clicks: where the button was, a link leads to the answer."""
     browser = session.home()
     browser.click("button[aria-label^='Next gains']")
     browser.wait("document.querySelector('.flights a[aria-label^=\"Next gains\"]') !== null", 120.0)
