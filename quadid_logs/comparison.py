@@ -6,17 +6,19 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.next_flight import DAMPING_SPREAD, TIME_SPREAD_S
+from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model, Parameter
 from quadid_logs.data.result import Result
 from quadid_logs.data.torque import HeldScale
-from quadid_logs.diagnose.advice import next_steps
+from quadid_logs.diagnose.advice import advice_for, next_steps
 from quadid_logs.sentences import continued
 from quadid_logs.vocabulary import (
     ACCELERATION_SYMBOLS,
@@ -87,6 +89,17 @@ class Quantity:
         return abs(self.difference) > self.margin
 
 
+class ParameterDifference(NamedTuple):
+    """A parameter of the autopilot that both logs hold, with different values at their ends.
+
+    Untrusted: escape the name before showing.
+    """
+
+    name: str
+    before: float
+    after: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Comparison:
     """What changed between two flights.
@@ -101,6 +114,8 @@ class Comparison:
         By axis that could not be compared: why.
     advice : tuple of str
         What to set or fly so that it can.
+    parameters : tuple of ParameterDifference
+        The parameters of the autopilot that differ, by name, without its calibrations and counters.
     """
 
     structure: str
@@ -108,6 +123,7 @@ class Comparison:
     axes: Mapping[str, AxisChange]
     reasons: Mapping[str, str]
     advice: tuple[str, ...]
+    parameters: tuple[ParameterDifference, ...] = ()
 
     @property
     def verdict(self) -> AxisChange:
@@ -185,7 +201,20 @@ def compare(before: Result, after: Result) -> Comparison:
         axes=axes,
         reasons=reasons,
         advice=_advice(both, reasons),
+        parameters=tuple(_differing(before.log, after.log)),
     )
+
+
+def _differing(before: FlightLog, after: FlightLog) -> Iterator[ParameterDifference]:
+    """Yield what differs between the parameters of two logs of one autopilot."""
+    if before.autopilot != after.autopilot:
+        return
+    left_out = advice_for(before.autopilot).not_set_by_hand
+    for name in sorted(before.parameters.keys() & after.parameters.keys()):
+        one, two = before.parameters[name], after.parameters[name]
+        if np.array_equal(one, two, equal_nan=True) or any(fnmatchcase(name, each) for each in left_out):
+            continue
+        yield ParameterDifference(name, one, two)
 
 
 def _obstacle(both: tuple[Result, Result], axis: str) -> str:
@@ -228,7 +257,7 @@ def why_unknown(result: Result, axis: str) -> str:
         return continued(sentence).removesuffix(".")
     gain = model.entries.get(ON_AXIS[axis])
     if gain is None or not gain.identifiable:
-        return f"the flight does not tell the gain ({gain.reason if gain else 'not fitted'})"
+        return f"the flight does not identify the effectiveness ({gain.reason if gain else 'not fitted'})"
     return ""
 
 

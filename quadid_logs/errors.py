@@ -5,7 +5,7 @@
     QuadidError
     ├── LogError                 the input file
     │   ├── LogNotFoundError     no such file, or not a regular readable file
-    │   ├── UnknownFormatError   the content is no flight log that we know
+    │   ├── UnknownFormatError   the content is not a recognised flight log
     │   ├── EmptyLogError        the right format, but nothing usable inside
     │   └── SeveralLogsError     several logs in one file, and none was chosen
     ├── LinkError                the vehicle, or the way to it

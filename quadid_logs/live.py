@@ -342,7 +342,7 @@ def _missing(data: FlightData) -> str:
             return "the vehicle has just taken off"
         return "body rates or torque are not logged, or too slowly"
     if not any(_has_command(segment) for segment in data.segments):
-        return "this flight mode's set-points tell no commands: fly in a mode that the sticks command"
+        return "this flight mode's set-points are no commands: fly in a mode that the sticks command"
     return ""
 
 

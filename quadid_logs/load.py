@@ -117,7 +117,7 @@ def read_log(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog
     EmptyLogError
         If the file is empty, or holds nothing usable.
     UnknownFormatError
-        If the content is no log that we know; the hint says what it looks like.
+        If the content is not a recognised log; the hint says what it looks like.
     SettingsError
         If `system` or `number` is not in the file.
     SeveralLogsError
@@ -139,7 +139,7 @@ def read_log(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog
     for log_format in formats():
         if log_format.is_mine(head):
             return _read_with(log_format, path, system, number)
-    raise UnknownFormatError(f"{path} is no flight log that we know.", hint=explain_foreign(head, _known()))
+    raise UnknownFormatError(f"{path} is not a recognised flight log.", hint=explain_foreign(head, _known()))
 
 
 def _known() -> str:

@@ -293,7 +293,7 @@ def test_a_refused_model_is_named_with_its_reason() -> None:
     """That it is "not usable" sent its reader to another command."""
     found = recommend(judged("refused")(flown("ardupilot")), GOOD, ["roll"]).axes["roll"]
     title = next(one.title for one in found.reasons if one.code == "QL615")
-    assert title.startswith("The model of this axis is refused: ")
+    assert title.startswith("No model can be used: ")
 
 
 def test_a_caution_that_only_widens_intervals_is_no_refusal() -> None:

@@ -230,7 +230,7 @@ def _from_motion(series: Mapping[str, CleanSeries]) -> Flights:
     """Without any other evidence, take the span over which the torque changes."""
     torque = series.get("torque_n_m") or series.get("torque_command") or series.get("motor_thrust")
     if torque is None:
-        return Flights((), "the log tells neither arming, nor landing, nor throttle, nor torque")
+        return Flights((), "the log shows neither arming, nor landing, nor throttle, nor torque")
     moving = np.flatnonzero(np.any(np.diff(torque.values, axis=0) != 0.0, axis=1))
     if moving.size == 0:
         return Flights((), "the torque never changes")

@@ -101,7 +101,7 @@ class Analysis(Result):
         """
         if self.closed_loop is None:
             raise EmptyLogError(
-                "The loop cannot be closed: there is no model, or the log does not tell the controller.",
+                "The loop cannot be closed: there is no model, or the log does not describe the controller.",
                 hint="Parameters of the autopilot and its rate set-points must be in the log.",
             )
         return self.closed_loop

@@ -243,7 +243,7 @@ class IdentifiedModel(Model):
             plant = draw(self.posterior, AXES.index(axis), 0.0, n_draws, seed=seed)
         if plant is None:
             raise EmptyLogError(
-                f"The flight tells too little of {axis} to draw vehicles.", hint="See .diagnosis.findings."
+                f"The flight shows too little of {axis} to draw vehicles.", hint="See .diagnosis.findings."
             )
         # The first of them is the estimate itself.
         drawn = plant.at(slice(1, None))

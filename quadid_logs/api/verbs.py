@@ -224,6 +224,8 @@ def plan(
     propeller_inch: float = planning.PROPELLER_INCH,
     air: str = "",
     wanted: float = planning.WANTED,
+    settings: Settings | None = None,
+    vehicle: Vehicle | None = None,
 ) -> planning.Plan:
     """Plan a flight that will give an answer: what to set, and what to fly.
 
@@ -242,6 +244,10 @@ def plan(
         "calm", "breeze" or "wind"; "" for that of the flight, or a breeze.
     wanted : float
         Half the 95 % interval of the control effectiveness, over the effectiveness.
+    settings : Settings, optional
+        Of a flight that is not a result yet.
+    vehicle : Vehicle, optional
+        What is known of it, which the plan is made for where no flight tells.
 
     Returns
     -------
@@ -265,9 +271,15 @@ def plan(
     version = planning.parse_version(firmware) if firmware else None
     if isinstance(autopilot, str) and _is_name(autopilot):
         return planning.make_plan(
-            autopilot.lower(), axes, version, propeller_inch=propeller_inch, air=air, wanted=wanted
+            autopilot.lower(),
+            axes,
+            version,
+            vehicle=vehicle,
+            propeller_inch=propeller_inch,
+            air=air,
+            wanted=wanted,
         )
-    known = _analyzed(autopilot, None, None)
+    known = _analyzed(autopilot, settings, vehicle)
     log = known.log
     return planning.make_plan(
         log.autopilot,
@@ -275,6 +287,7 @@ def plan(
         version or log.version,
         log.parameters,
         known=known,
+        vehicle=vehicle,
         propeller_inch=propeller_inch,
         air=air,
         wanted=wanted,

@@ -7,14 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray, runs
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import FlightLog, Signal
-from quadid_logs.maths.intervals import inside
+from quadid_logs.maths.intervals import following_rows, inside
 
 Interval = tuple[float, float]
 
-#: A longer step than so many typical ones is a gap.
-_GAP: Final = 3.0
 #: Shorter than this [s] there is little to compare once the filters have settled.
 _SHORTEST_S: Final = 4.0
 #: Five minutes at 400 Hz: more rows say nothing new, and cost time.
@@ -35,17 +33,11 @@ def longest_run(time_s: FloatArray, usable: BoolArray) -> slice | None:
     slice or None
         None where no run is long enough.
     """
-    if np.count_nonzero(usable) < 2:
+    run, _ = following_rows(time_s, usable)
+    if run.stop == run.start:
         return None
-    step = np.diff(time_s)
-    forward = step[(step > 0.0) & usable[1:]]
-    typical_s = float(np.median(forward)) if forward.size else 0.0
-    joined = (step > 0.0) & (step < _GAP * typical_s) & usable[1:] & usable[:-1]
-    first, end = max(runs(joined), key=lambda run: run[1] - run[0], default=(0, 0))
-    if end == first:
-        return None
-    after = min(end + 1, first + _MOST_ROWS)
-    return slice(first, after) if time_s[after - 1] - time_s[first] >= _SHORTEST_S else None
+    after = min(run.stop, run.start + _MOST_ROWS)
+    return slice(run.start, after) if time_s[after - 1] - time_s[run.start] >= _SHORTEST_S else None
 
 
 def possible(*values: FloatArray) -> BoolArray:

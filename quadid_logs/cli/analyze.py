@@ -73,7 +73,7 @@ class _Wish:
 
 def analyze(
     context: typer.Context,
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Flight logs, told by their content.")],
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Recognised by their content.")],
     output: Annotated[
         Path | None,
         typer.Option(

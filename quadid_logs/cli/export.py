@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def export(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Flight log, told by its content.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Flight log, recognised by its content.")],
     output: Annotated[
         Path,
         typer.Option(

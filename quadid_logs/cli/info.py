@@ -17,7 +17,7 @@ from quadid_logs.errors import SeveralLogsError
 
 
 def info(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Flight log, told by its content.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Flight log, recognised by its content.")],
     start_s: StartS = None,
     end_s: EndS = None,
     system: System = 0,

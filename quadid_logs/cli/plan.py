@@ -11,7 +11,7 @@ import typer
 from quadid_logs.cli.completion import autopilots, axes
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.options import OpenPage, Quiet
+from quadid_logs.cli.options import Band, EndS, LogNumber, OpenPage, Quiet, StartS, System, settings_of
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
 from quadid_logs.data.settings import Settings
@@ -53,12 +53,17 @@ def plan(
     vehicle: Annotated[
         Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Simulate this vehicle.")
     ] = None,
+    start_s: StartS = None,
+    end_s: EndS = None,
+    band: Band = None,
+    system: System = 0,
+    log_number: LogNumber = 0,
     propeller: Annotated[
         float,
         typer.Option(
             "--propeller",
             metavar="INCHES",
-            help="How large the vehicle is, where no log tells [default: 10].",
+            help="Propeller diameter, where no log is given [default: 10].",
             show_default=False,
         ),
     ] = 10.0,
@@ -91,7 +96,7 @@ def plan(
 ) -> int:
     """Say what to set and to fly to get an answer, and what a simulated flight of it gives.
 
-    Without -o the card is only printed.
+    Without -o the card is only printed. --start-s, --end-s, --band, --system and --log belong to --like.
     """
     from quadid_logs.pipeline import analyze
     from quadid_logs.planning import make_plan, parse_version, predict
@@ -110,11 +115,14 @@ def plan(
     described = None if vehicle is None else read_vehicle(vehicle)
     make = partial(make_plan, vehicle=described, propeller_inch=propeller, air=air, wanted=interval / 100.0)
     planned = make(autopilot.lower(), axis or (), version)
+    settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
+    if like is None and settings != Settings():
+        raise SettingsError("These options choose from a log.", hint="Name it with --like LOG.")
     if like is not None:
         check_log(like)
         with Progress("plan", quiet=quiet) as progress:
             progress("analyzing the log")
-            known = analyze(like, Settings(), vehicle=described)
+            known = analyze(like, settings, vehicle=described)
         flown = known.log
         if flown.autopilot != planned.autopilot:
             raise SettingsError(

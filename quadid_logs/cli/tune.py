@@ -25,10 +25,11 @@ from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
 from quadid_logs.commands import named
 from quadid_logs.errors import SettingsError
+from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from quadid_logs.data.autotune import AutotuneForecast
     from quadid_logs.data.off_nominal import Ranges
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from quadid_logs.data.tuning import Limits, Tuning
     from quadid_logs.data.what_if import WhatIf
     from quadid_logs.report.provenance import Provenance
+    from quadid_logs.report.tune_view import TuneView
 
 _DEFAULT_FOLDER = Path("quadid-tune")
 _HIGHEST_DB, _HIGHEST_DEG = 40.0, 90.0
@@ -115,7 +117,6 @@ def tune(
     from quadid_logs.report.provenance import provenance_of
     from quadid_logs.report.tune_folder import check_tune_folder, tune_folder
     from quadid_logs.report.tune_page import PAGE_FILE
-    from quadid_logs.sentences import listed
     from quadid_logs.tuning import autotune_forecasts, recommend, what_if_grids
     from quadid_logs.vehicle_file import read_vehicle
 
@@ -209,17 +210,30 @@ def _show(
 
     view = tune_view(result, tuning)
     say(view.headline)
-    for axis in view.axes:
-        say(f"  {axis.axis}: {axis.sentence} {axis.promise}".rstrip())
-        for gain in axis.gains:
-            target = f" (target {gain.target})" if gain.target else ""
-            say(f"    {gain.name} {gain.now} -> {gain.next}{target}")
-        for line in (axis.off_nominal, axis.filter_note, axis.warning):
-            if line:
-                say(f"    {line}")
-    say(f"  written: {', '.join(printable(folder / name) for name in written)}")
+    for line in _axis_lines(view):
+        say(line)
+    if tuning.refused:
+        for step in view.steps:
+            say(f"  next: {step}")
+    say(f"  written to {printable(folder)}: {', '.join(written)}")
     if PROMISE_FILE in written:
         check = on_next_log(result, "check", "--promise", named(str(folder)))
         say(f"  after the next flight: `{check}`")
     if removed:
         say(f"  removed, of an earlier run: {', '.join(printable(folder / name) for name in removed)}")
+
+
+def _axis_lines(view: TuneView) -> Iterator[str]:
+    """Yield what is said of each axis, once where it is the same of several."""
+    axes_of: dict[tuple[str, ...], list[str]] = {}
+    for axis in view.axes:
+        gains = (
+            f"{gain.name} {gain.now} -> {gain.next}{f' (target {gain.target})' if gain.target else ''}"
+            for gain in axis.gains
+        )
+        said = (f"{axis.sentence} {axis.promise}".rstrip(), *gains)
+        said += tuple(filter(None, (axis.off_nominal, axis.filter_note, axis.warning)))
+        axes_of.setdefault(said, []).append(axis.axis)
+    for (sentence, *details), axes in axes_of.items():
+        yield f"  {listed(axes)}: {sentence}"
+        yield from (f"    {detail}" for detail in details)

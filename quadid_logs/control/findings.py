@@ -22,7 +22,8 @@ _TITLES: Final = {
 }
 #: The same for all axes, so that it is one step of what to do next.
 _CLOSE: Final = (
-    "Watch this axis in the next flight: land if the vehicle shakes or the motors buzz. "
+    "Watch this axis in the next flight, as its loop may oscillate: land if the vehicle shakes or the motors "
+    "buzz. "
     "`quadid-log tune LOG` computes the next gains, or says why it cannot."
 )
 #: Effectiveness is not known better than to some per cent in practice: less is no matter.
@@ -83,7 +84,7 @@ def _line(axis: str, found: AxisLoop) -> Finding | None:
     line = f"{rounded(frame.line_hz, 3):g} Hz about {axis}"
     advice = (
         f"Look for what bends or is loose at {line}: stiffen it, or put a notch at that frequency. Do not "
-        "raise gains before."
+        "raise gains before that."
     )
     # A loop near its limit makes a line of its own at its crossover; what bends takes margin, too.
     if room_of(margins) <= Room.POOR:
@@ -179,6 +180,6 @@ def _of_two_gains(axis: str, disagreeing: Mapping[str, tuple[Estimated, Estimate
     *others, last = disagreeing
     named = f"{', '.join(others)} and {last}" if others else last
     advice = f"Check that no gain of {named} was changed in flight, and fly stronger manoeuvres in calm air."
-    title = f"Open loop and closed loop tell different effectiveness of {axis}"
+    title = f"The open-loop and the closed-loop estimate of the {axis} effectiveness disagree"
     evidence = {"open_loop": first, "closed_loop": second}
     return finding("QL602", "warning", evidence, axes=(axis,), title=title, advice=advice)

@@ -26,9 +26,9 @@ _RARELY: Final = 0.05
 MOST_SATURATED: Final = 0.10
 _VERDICTS: Final[Mapping[Verdict, str]] = MappingProxyType(
     {
-        "refused": "The model of this axis is refused",
-        "caution": "Use the model of this axis with caution",
-        "usable": "The model of this axis is usable",
+        "refused": "No model can be used",
+        "caution": "Use the model with caution",
+        "usable": "The model is usable",
     }
 )
 

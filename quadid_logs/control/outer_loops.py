@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray, IntArray, runs
+from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.control.attitude import bandwidth_hz
 from quadid_logs.control.loop import integrators, on_angle, on_rate
 from quadid_logs.control.margins import grid_hz, is_stable, margins_of
@@ -35,7 +35,7 @@ from quadid_logs.data.outer_loops import (
     shown_by,
 )
 from quadid_logs.maths.band import ComplexArray, delay_response
-from quadid_logs.maths.intervals import inside
+from quadid_logs.maths.intervals import following_rows, inside
 from quadid_logs.maths.recurrence import low_pass
 from quadid_logs.maths.student import student_95
 from quadid_logs.vocabulary import AXES
@@ -57,8 +57,6 @@ _STEP_S: Final = 0.02
 #: Rows slower than this cannot show a velocity controller, whose crossover lies at some tenths of a hertz
 #: [s].
 _SLOWEST_S: Final = 0.5
-#: A longer step than so many typical ones is a gap.
-_GAP: Final = 3.0
 #: In metres and seconds nothing comes near: such a number is damage.
 _IMPOSSIBLE: Final = 1e6
 #: No position is held with more; firmware commands absurd ones to take all thrust away on the ground [m/s^2].
@@ -232,16 +230,9 @@ def _longest_run(
     usable = np.isfinite(time_s) if not intervals else inside(time_s, intervals)
     for name in needed:
         usable = usable & (np.abs(rows.values[name]) < _IMPOSSIBLE)
-    step_s = np.diff(time_s)
-    forward = step_s[(step_s > 0.0) & usable[1:] & usable[:-1]]
-    typical_s = float(np.median(forward)) if forward.size else 0.0
-    if not 0.0 < typical_s <= _SLOWEST_S:
+    part, typical_s = following_rows(time_s, usable)
+    if not 0.0 < typical_s <= _SLOWEST_S or part.stop - part.start <= FEWEST_ROWS:
         return None
-    joined = (step_s > 0.0) & (step_s < _GAP * typical_s) & usable[1:] & usable[:-1]
-    first, end = max(runs(joined), key=lambda each: each[1] - each[0], default=(0, 0))
-    if end - first < FEWEST_ROWS:
-        return None
-    part = slice(first, end + 1)
     return _Run(time_s[part], {name: each[part] for name, each in rows.values.items()})
 
 

@@ -70,10 +70,8 @@ _BETTER: Final = 1.1
 #: Standard deviation of the command that gyro noise may make, of its full range: motors stay cool.
 MOST_NOISE: Final = 0.05
 #: Why gains are changed each by itself.
-_BETTER_TITLE: Final = (
-    "Change these gains each by itself: gusts are rejected better, and margins stay above the limits"
-)
-_LACKING_TITLE: Final = "Change these gains each by itself: they leave too little margin"
+_BETTER_TITLE: Final = "Change these gains: gusts are rejected better, and margins stay above the limits"
+_LACKING_TITLE: Final = "Change these gains: they leave too little margin"
 #: With more of the samples at the mixer's limits, higher gains would only reach them sooner.
 _NEAR_LIMITS: Final = 0.05
 #: Twice the cut-off halves a filter's delay: so it takes a third of the phase margin that is to be kept.
@@ -576,8 +574,8 @@ class _Search:
         percent, known_to_hz = round(100.0 * (1.0 - error)), rounded(self._loops.known_hz, 3)
         told = {**factor, "less_attitude_error_percent": percent, "known_to_hz": known_to_hz}
         title = (
-            f"Keep these gains: others would leave {percent} % less attitude error if the vehicle were "
-            "exactly as told; whether their margins would be enough, this flight does not show"
+            f"Keep these gains: others might leave {percent} % less attitude error, but this flight does not "
+            "show that their margins would be enough"
         )
         return finding("QL647", "info", told, axes=(self._case.axis,), title=title)
 

@@ -92,16 +92,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL105",
-                "Several systems speak in this file",
+                "Several systems are recorded in this file",
                 "More than one vehicle or autopilot was recorded. One was chosen, the others are listed.",
                 "Choose another one with --system ID.",
             ),
             _entry(
                 "QL106",
                 "Some rows were repaired or left out",
-                "Rows were out of order, repeated a stamp, carried an impossible one, or held no possible "
-                "value: none, an absurd one, or a spike of one sample. They were put in order, merged, or "
-                "left out.",
+                "Some rows were out of order, repeated a time stamp, had an impossible one, or held no "
+                "value, an absurd value or a spike of one sample. They were sorted, merged or left out.",
                 "Nothing to do while it stays a small fraction of the rows.",
             ),
             _entry(
@@ -150,16 +149,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL304",
                 "Logged rather slowly",
-                "The rate is enough for the control effectiveness, but lag and effectiveness are hard to "
-                "tell apart.",
+                "The logging rate is high enough for the control effectiveness, but it hardly separates "
+                "lag and effectiveness.",
                 "Log rates and torque at 200 Hz or more.",
                 step="set",
             ),
             _entry(
                 "QL305",
                 "The true rate is far below the nominal one",
-                "Many samples are missing between those that are there: on average the signal is much "
-                "slower than its typical period suggests.",
+                "Many samples are missing: the average rate of the signal is much lower than the time "
+                "between neighbouring samples suggests.",
                 "Use a faster card, or log fewer message types.",
                 step="set",
             ),
@@ -174,10 +173,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL307",
                 "The mixer could not be recomputed",
-                "From the torque command, the parameters and the battery, the pulse widths of the motors "
-                "follow; here they miss the logged ones. The mixer of this firmware is another one, or the "
-                "rows are too sparse to compare. The torque is taken as it was commanded, and saturation "
-                "is not seen.",
+                "The torque command, the parameters and the battery voltage determine the motor outputs. "
+                "The outputs computed from them differ from the logged ones: this firmware mixes in "
+                "another way, or the rows are too sparse to compare. The torque is used as it was "
+                "commanded, and saturation is not detected.",
                 "Log the rate controller's output, the motor outputs and the mixer's battery compensation "
                 "with a current firmware to get the torque that was achieved.",
                 step="set",
@@ -185,9 +184,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL308",
                 "Geometry parameters are not used as calibration",
-                "Rotor positions and coefficients of thrust and moment mix the motors well whatever their "
-                "unit is. Parameters that were never set, or that contradict the hover, are no measurement "
-                "of the vehicle.",
+                "The autopilot's mixer works with rotor positions and thrust coefficients of any scale. "
+                "Values that were never set, or that contradict the hover, do not measure this vehicle.",
                 "Pass mass_kg, arm_length_m and torque_to_thrust_m with --vehicle FILE.toml.",
             ),
             _entry(
@@ -209,10 +207,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL311",
-                "Of this long flight the most excited minutes were used",
+                "Only the most excited minutes of this long flight were used",
                 "Twenty minutes with the most motion hold nearly all information of a flight; the rest "
                 "costs time only.",
-                "To have another part analyzed, give --start-s and --end-s.",
+                "Use --start-s and --end-s to analyze another part.",
             ),
             _entry(
                 "QL312",
@@ -234,10 +232,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL320",
-                "No multirotor turns like these body rates",
-                "The rates integrate to a vehicle that is upside down for much of its flight, or exceed"
-                " what a gyro can measure. Mostly they are in deg/s where rad/s are needed: every "
-                "effectiveness is 57 times too large then.",
+                "No multirotor turns at these body rates",
+                "Integrated, the rates turn the vehicle upside down for much of its flight, or they "
+                "exceed what a gyro can measure. Usually the table holds deg/s where rad/s are needed, "
+                "which makes every effectiveness 57 times too large.",
                 "Give the body rates of a table in rad/s. If it did fly like that, log the attitude too.",
             ),
             _entry(
@@ -252,7 +250,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL401",
                 "No flight in this log",
-                "By the evidence that the log holds, the vehicle did not fly, or the part with the flight "
+                "Nothing in the log shows a flight: the vehicle did not fly, or the part with the flight "
                 "is missing.",
                 "Use a log with a flight of at least half a minute. If you did fly, fetch the whole file "
                 "from the vehicle again.",
@@ -267,16 +265,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL403",
                 "This axis was poorly excited",
-                "What the axis did is mostly noise and gusts, not an answer to commands. A number fitted to "
-                "that would look fine and be wrong.",
+                "The motion of the axis is mostly noise and gusts, not a response to commands. A number "
+                "fitted to that would look fine and be wrong.",
                 "Excite this axis: quick stick doublets for half a minute, or a system-ID chirp.",
                 step="fly",
             ),
             _entry(
                 "QL404",
                 "The torque does not explain all of the motion",
-                "The torque explains most, but not nearly all, of the motion: the axis was weakly excited "
-                "or something else than torque moved it.",
+                "The torque explains most, but not nearly all, of the motion: the axis was weakly "
+                "excited, or something other than torque moved it.",
                 _ENOUGH,
                 step="fly",
             ),
@@ -291,8 +289,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL406",
                 "A system-identification run is in this flight",
-                "The autopilot injected a known excitation. It answers no gust and no noise, so the "
-                "estimate rests on it: what follows from it counts, what does not is left out.",
+                "The autopilot injected a known excitation, which does not depend on gusts or noise. The "
+                "estimate uses the motion that follows from it and leaves out the rest.",
                 "Nothing to do. Only the axes that the run excites can be identified from it.",
             ),
             _entry(
@@ -308,8 +306,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL430",
                 "A motor gives less thrust than the others",
-                "In steady flight one motor is sent more than the others, along its arm and in the sense of "
-                "its spin. A weak motor, a damaged propeller or a wrong one explains it.",
+                "In steady flight one motor gets a higher command than the others, and both the position "
+                "and the spin of this motor fit the difference. A weak motor, a damaged propeller or a "
+                "wrong one explains it.",
                 "Look at the propeller and the bearings of this motor, and compare its speed with the others "
                 "at the same command on the bench. Calibrate the ESCs.",
                 scope="vehicle",
@@ -317,8 +316,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL431",
                 "A motor lost thrust during the flight",
-                "From some moment on, one motor was sent more than before, along its arm and in the sense of "
-                "its spin. Load and wind do not turn the vehicle like that.",
+                "From one moment on, one motor got a higher command than before, and both the position "
+                "and the spin of this motor fit the difference. Load and wind do not turn the vehicle "
+                "like that.",
                 "Do not fly before you have looked at this motor, its propeller and its ESC: feel whether "
                 "they are hot, and turn the motor by hand.",
                 scope="vehicle",
@@ -326,7 +326,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL432",
                 "A propeller is out of balance",
-                "The gyro shakes with the speed of one rotor more than with all others together.",
+                "The gyro vibrates at the speed of one rotor more than at the speeds of all others together.",
                 "Replace or balance this propeller, then look at its motor's shaft and mount.",
                 scope="vehicle",
             ),
@@ -368,8 +368,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL503",
                 "The estimate depends on the frequency band",
-                "Fitted to slower or faster motion the control effectiveness comes out differently. That "
-                "of a rigid body does not: noise, wind, or feedback from the controller is in the way.",
+                "Slow and fast motion give different values of the control effectiveness. A rigid body "
+                "has only one: noise, wind, or feedback from the controller distorts at least one of "
+                "them.",
                 _ENOUGH,
                 step="fly",
             ),
@@ -406,9 +407,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL509",
                 "The control effectiveness differs between parts of the flight",
-                "Before and after one time the effectiveness is not the same, by more than chance allows: "
-                "the vehicle changed (battery, payload, damage, a propeller), or something else than torque "
-                "moved it. The interval covers what was before and after.",
+                "The effectiveness changed at one moment by more than chance allows: the vehicle changed "
+                "(battery, payload, damage, a propeller), or something other than torque moved it. The "
+                "interval covers the values before and after.",
                 "Look at the figure of estimates over time, and analyze both parts by themselves with "
                 "--start-s and --end-s.",
             ),
@@ -450,13 +451,13 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL514",
                 "The interval may be too narrow",
                 "When blocks of the flight are drawn at random and fitted again, the effectiveness "
-                "scatters by more than its interval says: single manoeuvres or gusts carry much of the "
+                "scatters by more than its interval says: single manoeuvres or gusts dominate the "
                 "estimate.",
                 "Fly longer, and repeat the manoeuvre evenly.",
             ),
             _entry(
                 "QL515",
-                "Compared with the inertia that was given",
+                "Real torque per commanded torque, by the inertia that was given",
                 "The effectiveness times the given moment of inertia is the real torque over the commanded "
                 "one, if that inertia is right. It is a calibration of the torque, not an inertia found in "
                 "flight.",
@@ -523,41 +524,41 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL525",
                 "The response has a resonance",
-                "About one frequency the rates answer the torque as something does that bends or "
-                "swings: an arm, a soft gyro mount, a load. A rigid body does not, and the "
-                "effectiveness depends on the band.",
+                "Near one frequency the rates respond to the torque like something that bends or swings: "
+                "an arm, a soft gyro mount, a load. A rigid body does not do that, and the effectiveness "
+                "depends on the band.",
                 "Stiffen what bends, or put a notch at its frequency. Do not raise gains.",
             ),
             _entry(
                 "QL526",
-                "A moment goes with the tilt",
-                "The vehicle is turned by its own tilt: a pendulum below the centre of mass, a sling "
-                "load, or an unstable shape in the wind of its own speed. The model has no such moment;"
-                " the interval covers the effectiveness with it.",
+                "A moment that grows with the tilt turns the vehicle",
+                "The vehicle's own tilt turns it: a pendulum below the centre of mass, a sling load, or "
+                "an unstable shape in the wind of its own speed. The model has no such moment; the "
+                "interval covers the effectiveness with it.",
                 "Fly quicker manoeuvres without load, or use only faster motion.",
             ),
             _entry(
                 "QL527",
-                "The motors are not one lag",
-                "The torque builds up in another way than behind one first-order lag: rotors spin down "
-                "more slowly than up, or another filter lies between. The interval covers the "
-                "effectiveness with it.",
+                "The motors do not respond with a single lag",
+                "The torque does not build up like that of one first-order lag: rotors spin down more "
+                "slowly than up, or another filter lies between. The interval covers the effectiveness "
+                "with that effect.",
                 "Describe the rotors in --vehicle FILE.toml, and log the motor outputs.",
             ),
             _entry(
                 "QL528",
                 "The control effectiveness varies in flight",
-                "Thrust comes and goes (battery, throttle, ground, another controller), or something else "
-                "than torque moves the vehicle: what the model leaves lasts from one half second to the "
-                "next, or comes and goes with what it explains, as noise does not.",
+                "The thrust per command varies (battery, throttle, ground, another controller), or "
+                "something other than torque moves the vehicle. The residual persists from one half "
+                "second to the next, or grows and shrinks with the modelled motion; noise does neither.",
                 "Look at the figure of estimates over time. Fly the manoeuvre at one throttle, far from"
                 " the ground.",
             ),
             _entry(
                 "QL529",
                 "The flights are not of one vehicle in one state",
-                "Fitted flight by flight the control effectiveness differs by more than its intervals "
-                "allow. The value given is that of none of them.",
+                "The flights, fitted one by one, differ in control effectiveness by more than their "
+                "intervals allow. The common value describes none of them.",
                 "Analyze the flights by themselves: without --pool, or with --start-s and --end-s.",
             ),
             _entry(
@@ -580,11 +581,12 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL533",
-                "The effectiveness would be higher with a loss of torque that may be there",
-                "A dead zone or a limit that the log does not hold is not clear enough to be told from "
-                "chance, and would move the effectiveness by more than a tenth. The interval covers that.",
+                "The log does not rule out a dead zone or a limit that would make the effectiveness higher",
+                "The flight hints at a dead zone or a limit that is not logged, but too weakly to exclude "
+                "chance. It would change the effectiveness by more than a tenth. The interval covers "
+                "that.",
                 "Fly the manoeuvre once more, twice as long, half of it gently and half of it with strong "
-                "commands: what is chance fades, what is there becomes clear.",
+                "commands: chance averages out, and a real effect becomes clear.",
             ),
             _entry(
                 "QL534",
@@ -598,12 +600,12 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL535",
                 "The effectiveness comes from the response to commands alone",
-                "Air moved this axis as much as its commands did, or rotors or log do something that a fit "
-                "sample by sample takes for less control. Commands, which no gust moves, still give the "
-                "effectiveness, the damping and the lag: from spectra of short segments of the flight, each "
-                "frequency weighted by what the air leaves of it. Dead zones, limits and other effects are "
-                "taken out where the flight shows them, and are part of the interval where it leaves them "
-                "open.",
+                "Gusts moved this axis as much as its commands did, or an effect of rotors or log makes a "
+                "sample-by-sample fit too low. Gusts do not change the commands, so the response to "
+                "commands still gives effectiveness, damping and lag: from spectra of short segments, "
+                "each frequency weighted by how little of it is gust. Dead zones, limits and other "
+                "effects are taken out where the flight shows them. Where it leaves them open, the "
+                "interval covers them.",
                 "Fly in calmer air, or make larger and quicker manoeuvres, for a narrower interval.",
                 step="fly",
             ),
@@ -628,11 +630,11 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL602",
-                "Open loop and closed loop tell different effectiveness",
-                "Flown through model and controller, the set-points make the measured torque with another "
-                "control effectiveness than the one that was found from torque and rates. One of the two is "
-                "biased: the controller was not the one of the parameters, or something else than torque "
-                "moved the vehicle.",
+                "The open-loop and the closed-loop estimate of the effectiveness disagree",
+                "Simulated from the set-points, model and controller reproduce the measured torque only "
+                "with another control effectiveness than the one identified from torque and rates. One of "
+                "the two is biased: the controller is not the one of the parameters, or something other "
+                "than torque moved the vehicle.",
                 "Check that no gain was changed in flight, and fly stronger manoeuvres on this axis, in "
                 "calm air.",
             ),
@@ -658,19 +660,19 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL605",
-                "Margins rest on frequencies where nothing was measured",
-                "The loop decides about its stability above the frequencies that the flight shows. What "
-                "nobody measured may take phase away there: the margins' intervals allow for a further "
-                "delay of 5 ms. A frame that bends may add gain: they allow for the modes that the log does "
-                "not rule out.",
+                "The margins rest on frequencies that were not measured",
+                "The loop's stability depends on frequencies above those that the flight shows. Something "
+                "unmeasured may take phase away there: the margins' intervals allow for a further delay "
+                "of 5 ms. A bending frame may add gain: they allow for the modes that the log does not "
+                "rule out.",
                 "Fly a system-ID chirp up to twice the crossover, or quicker manoeuvres.",
                 scope="loop",
             ),
             _entry(
                 "QL606",
                 "The control law is that of another firmware version",
-                "The source of this firmware version was not read. The loop is closed with the law of the "
-                "nearest version that was.",
+                "The control law of this firmware version is not known to this tool. It closes the loop "
+                "with the law of the nearest version that is.",
                 "Compare the release notes of the rate controller between the two versions.",
                 scope="loop",
             ),
@@ -679,17 +681,17 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "A line above the fitted band bounds the gain margin",
                 "The spectrum of the rate has a line there: an arm, a mount or a load that bends, or a "
                 "propeller. What bends adds gain to the loop. The gain margin and its interval allow for it.",
-                "Look for what bends or is loose, and stiffen it; or put a notch at that frequency. Do not "
-                "raise gains before.",
+                "Look for what bends or is loose, and stiffen it; or put a notch at that frequency. Do "
+                "not raise gains before that.",
                 scope="loop",
             ),
             _entry(
                 "QL650",
                 "The attitude controller reconstructed from the logged parameters does not reproduce the "
                 "logged rate set-points",
-                "Replayed from logged attitudes and their set-points, the attitude controller does not give "
-                "the logged rate set-points. Margins with the angle loop are those of another gain, and no "
-                "velocity loop is closed.",
+                "Replayed from logged attitudes and their set-points, the attitude controller does not "
+                "give the logged rate set-points. The margins with the angle loop then hold for another "
+                "gain, and no margins of the velocity loop are given.",
                 "Check that no gain of the attitude controller was changed in flight, and fly once more.",
                 scope="loop",
             ),
@@ -725,18 +727,18 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL654",
                 "The vehicle did not follow its velocity set-point",
-                "The velocity was off its set-point by more than the set-point itself moved: a vehicle that "
-                "had not answered at all would have been nearer to it. Wind, limits of the tilt, or a "
-                "velocity loop that sways do that.",
+                "The velocity was off its set-point by more than the set-point itself moved: a vehicle "
+                "that did not respond at all would have come nearer. Wind, tilt limits, or a swaying "
+                "velocity loop cause that.",
                 "Look at the tilt limit and at the wind of that flight.",
                 scope="loop",
             ),
             _entry(
                 "QL655",
-                "The velocity loop is not closed",
-                "The log holds messages of the position controller. A gain is not known, the rows are too "
-                "few or too slow, or the attitude loop inside is not known well enough: nothing is said of "
-                "the velocity and position loops.",
+                "No margins of the velocity and position loops are given",
+                "The log holds messages of the position controller, but the tool cannot close these loops "
+                "around the model: a gain is unknown, the rows are too few or too slow, or the attitude "
+                "loop inside is not known well enough.",
                 "Log all parameters, and fly manoeuvres that make roll and pitch usable.",
                 scope="loop",
             ),
@@ -786,8 +788,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL615",
                 "The model of this axis is not usable",
-                "Gains follow from the model, and something puts it in question: the reasons are named by "
-                "their codes.",
+                "Gains follow from the model, and findings question it: their codes stand beside the axis.",
                 "Take the next steps that `quadid-log analyze LOG` prints, and tune from the new flight.",
                 scope="gains",
             ),
@@ -819,7 +820,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL619",
-                "Part of the vehicle swings by itself",
+                "Part of the vehicle bends or swings",
                 "The model's residual shows a flexible mode (QL525): an arm, a damper or a payload. Gains "
                 "that suit the model may drive it.",
                 "Stiffen or fix it, or put a notch on it, and fly once more.",
@@ -846,8 +847,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL622",
                 "The gains were changed after the part that was analyzed",
-                "The vehicle no longer holds the gains that flew here: a step from them would be a step from "
-                "somewhere else.",
+                "The vehicle no longer has the gains that flew here, so a change computed from them would "
+                "be wrong.",
                 "Tune from a flight with the gains that are set now.",
                 scope="gains",
             ),
@@ -918,7 +919,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL634",
                 "The gains are right as they are",
-                "No change of more than some per cent would be worth a flight.",
+                "No change of more than a few per cent would be worth a flight.",
                 "Keep the gains.",
                 scope="gains",
             ),
@@ -947,15 +948,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL638",
-                "The limits are not reached with one factor of P, I and D",
-                "The recommended gains are nearer to the limits than the flown ones. Filters, angle loop or "
-                "motors take the rest.",
+                "No common factor of P, I and D reaches the required margins",
+                "The recommended gains come closer to the required margins than the flown ones. Filters, "
+                "angle loop or motors take the rest.",
                 "Where a filter limits this axis, QL636 names it and its cut-off.",
                 scope="gains",
             ),
             _entry(
                 "QL639",
-                "The promise rests on frequencies where nothing was measured",
+                "The promise rests on frequencies that were not measured",
                 "Above what the flight shows, the promised margins allow for a further delay of 5 ms, and "
                 "for modes of the frame that the log does not rule out.",
                 "Fly a system-ID chirp up to twice the crossover for a narrower promise.",
@@ -989,7 +990,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL673",
                 "The notches do not stand where the gyro's lines are",
                 "A notch that stands on no line takes phase for nothing; a line without one shakes motors.",
-                "Set the notches as in the file, and start the autopilot anew before the flight.",
+                "Set the notches as in the file, and restart the autopilot before the flight.",
                 scope="gains",
             ),
             _entry(
@@ -1007,15 +1008,15 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "With another battery, load, air or propeller the same command turns the vehicle more or "
                 "less. In the conditions that are named, the worst of the vehicles that the flight allows "
                 "keeps less than the limits. That lowers no gains by itself.",
-                "Fly as in this flight, or tune again from a flight in the condition that is named.",
+                "Fly in the conditions of this flight, or tune again from a flight in the named condition.",
                 scope="gains",
             ),
             _entry(
                 "QL641",
                 "P, I, D and the angle gain are changed each by itself",
-                "Each gain goes its own way to where gusts are rejected best: the margins are kept, noise "
-                "stays bearable, and the attitude follows its set-point no more slowly. One factor on P, I "
-                "and D would not do as well.",
+                "Each gain is set where gusts are rejected best: margins are kept, noise stays "
+                "acceptable, and the attitude follows its set-point no more slowly. One common factor on "
+                "P, I and D would do worse.",
                 "Load the file, hover first, and heed the warning beside these gains.",
                 scope="gains",
             ),
@@ -1039,10 +1040,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL642",
                 "Some terms of the controller were not replayed",
-                "P, and D where the log is fast enough, were made anew from set-points and rates and agree. "
-                "The terms that are named were taken as logged: moving sticks, limits and the throttle "
-                "change them in ways that the log does not hold. Margins take their gains from the settings, "
-                "and are those of sticks that rest.",
+                "P, and D where the log is fast enough, were recomputed from set-points and rates and "
+                "agree. The named terms were taken as logged: moving sticks, limits and the throttle "
+                "change them in ways that the log does not show. Margins use the gains of the settings "
+                "and hold for sticks at rest.",
                 "Nothing to do; for D, log at 1 kHz or more.",
                 scope="loop",
             ),
@@ -1075,10 +1076,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL648",
                 "A first step by rule, for an axis that oscillates without a model",
-                "No model of this axis can be trusted, and it oscillates though nobody commands it. A loop "
-                "that oscillates is at its limit; half of its gain is 6 dB away. No margin is promised.",
-                "Load the file, hover short and low, and run tune on that log. If it still oscillates, halve "
-                "again. If it wallows, go back.",
+                "No model of this axis can be trusted, and it oscillates without a command. A loop that "
+                "oscillates is at its limit; half of its gain is 6 dB away. No margin is promised.",
+                "Load the file, hover short and low, and run tune on that log. If it still oscillates, "
+                "halve again. If it feels sluggish, load the back file.",
                 scope="gains",
             ),
             _entry(

@@ -236,7 +236,7 @@ class RemarkKind(Enum):
     """A parameter switches on what is not modelled: the axis has no controller here."""
     MISSING_PARAMETER = "missing parameter"
     NOTCH_UNKNOWN = "notch unknown"
-    """A notch follows something that the parameters do not tell: its phase is left out."""
+    """A notch follows something that the parameters do not hold: its phase is left out."""
     SLEW_LIMIT = "slew limit"
     """P and D are scaled down while the command moves fast."""
     PD_LIMIT = "P+D limit"
@@ -249,7 +249,7 @@ class RemarkKind(Enum):
     ANGLE_LOOP_UNKNOWN = "angle loop unknown"
     """An angle loop may have flown around the rate loop, which is not modelled."""
     GYRO_RATE_ASSUMED = "gyro rate assumed"
-    """How often the gyro is sampled, and its filters run, is nowhere told."""
+    """The log does not say how often the gyro is sampled and its filters run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -444,7 +444,7 @@ class ReplayReason(Enum):
     FILTER_DIFFERS = "filter differs"
     SLEW_LIMITED = "slew limited"
     GAINS_SCALED = "gains scaled in flight"
-    """By throttle or for landing, as the log tells."""
+    """By throttle or for landing, as the log shows."""
     LIMIT_FLAGS_MISSING = "limit flags missing"
     SETPOINT_SHIFTED = "set-point shifted"
     SETPOINT_MISSING = "set-points missing"

@@ -126,7 +126,7 @@ class Shown(Enum):
     AGREES = "agrees"
     DIFFERS = "differs"
     NOT_SHOWN = "not shown"
-    """The flight moved it too little, or the rows are too few, to tell."""
+    """The flight moved it too little, or the rows are too few."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -133,8 +133,8 @@ def _told(sources: Sequence[SourceChoice]) -> str:
         subject = " and ".join(names)
         verb = "were" if len(names) > 1 else "was"
         return f"{subject[:1].upper()}{subject[1:]} {verb} logged {rates.pop()}"
-    told = [f"{name} was logged {_rate_words(source)}" for name, source in zip(names, sources, strict=True)]
-    return f"{told[0][:1].upper()}{told[0][1:]} and {told[1]}"
+    first, second = (_rate_words(source) for source in sources)
+    return f"{names[0][:1].upper()}{names[0][1:]} was logged {first} and {names[1]} {second}"
 
 
 def _rate_words(source: SourceChoice) -> str:

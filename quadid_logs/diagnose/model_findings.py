@@ -190,7 +190,7 @@ def _poorly_excited(axis: _Axis) -> Finding | None:
     needed = MIN_RATE_RMS_DEG_S
     if axis.rate_rms_deg_s >= needed:
         return None
-    title = f"{axis.name.capitalize()} was poorly excited ({rounded(axis.rate_rms_deg_s)} deg/s rms)"
+    title = f"{axis.name.capitalize()} was poorly excited ({rounded(axis.rate_rms_deg_s, 2)} deg/s rms)"
     return axis.finding("QL403", "error", {**_evidence(axis), "needed_deg_s": needed}, title)
 
 
@@ -429,9 +429,7 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
     }
     title = f"The {axis.name} effectiveness comes from the response to commands alone"
     if axis.r2 < _EXPLAINED:
-        title = (
-            f"The air moved {axis.name} as well: its effectiveness comes from the response to commands alone"
-        )
+        title = f"Gusts moved {axis.name}, too: its effectiveness comes from the response to commands alone"
     if fit.planned:
         title = (
             f"The controller of {axis.name} answers its motion: the effectiveness comes from the planned "

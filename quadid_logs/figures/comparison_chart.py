@@ -22,9 +22,8 @@ def comparison_figure(comparison: Comparison) -> Figure | LeftOut:
     return Figure(
         key="compare",
         title=f"{_TITLE}: {comparison.structure}",
-        caption="Points with their 95 % intervals. A change is a difference larger than both intervals "
-        "together leave open, allowing for the number of quantities looked at, and than what the throttle "
-        "and the day make of one vehicle."
+        caption="Points: values with 95 % intervals. A difference counts as a change if the intervals, the "
+        "throttle and the typical spread between flights do not explain it."
         + (f" {hidden} more that did not change are not drawn." if hidden else ""),
         panels=tuple(_panel(quantity) for quantity in shown),
         columns=3,
@@ -50,7 +49,7 @@ def _panel(quantity: Quantity) -> Panel:
         for place, (label, value, (low, high), role) in enumerate(points)
     )
     return Panel(
-        title=f"{quantity.words.capitalize()}: {'changed' if quantity.changed else 'no change detected'}",
+        title=f"{quantity.words.capitalize()}: {'changed' if quantity.changed else 'no change'}",
         x=Axis(label="", ticks=((0.0, "before"), (1.0, "after")), low=-0.6, high=1.6),
         y=Axis(label="", unit=quantity.unit.replace("^2", "²")),
         curves=curves,

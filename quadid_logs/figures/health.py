@@ -331,7 +331,7 @@ def _maps(health: Health, known: GyroFilter) -> Figure | None:
     return Figure(
         key=_KEYS["maps"],
         title=_TITLES["maps"],
-        caption="All axes together, light is strong. What rises with the throttle turns with the rotors; "
+        caption="All axes together; bright means strong. What rises with the throttle turns with the rotors; "
         "what stays where it is belongs to the frame, to electronics or to the control loop.",
         panels=tuple(panels),
         columns=len(panels),

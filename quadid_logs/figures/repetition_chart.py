@@ -30,7 +30,7 @@ def repetition_figures(found: Repeatability) -> tuple[Figure | LeftOut, ...]:
     """
     told = [each for each in found.quantities if each.kind == "effectiveness"]
     if not told:
-        reason = "Fewer than two flights tell the effectiveness of an axis."
+        reason = "Fewer than two flights identify the effectiveness of an axis."
         return tuple(LeftOut(key=key, title=_TITLE, reason=reason) for key in ("funnel", "flights"))
     return (
         Figure(

@@ -28,7 +28,7 @@ def airframe_from_above(result: Result) -> Figure | LeftOut:
     title = "The airframe from above"
     model = result.log.torque
     if model is None or not model.n_rotors:
-        return LeftOut(key="airframe", title=title, reason="The log does not tell where the rotors are.")
+        return LeftOut(key="airframe", title=title, reason="The log does not say where the rotors are.")
     reach = float(np.hypot(model.position[:, 0], model.position[:, 1]).max())
     if not (np.isfinite(reach) and reach > 0.0):
         return LeftOut(key="airframe", title=title, reason="The rotors have no distance from the centre.")

@@ -33,7 +33,7 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
         "the set-points do not explain the rates, or are logged too slowly",
     ),
     "noise": (("body_rate",), "the flight is too short for a spectrum"),
-    "motors": (("outputs",), "the log does not tell which outputs drive the motors, or they never change"),
+    "motors": (("outputs",), "the log does not say which outputs drive the motors, or they never change"),
     "vibration": (("specific_force",), "it is logged too slowly, or the flight is too short"),
     "throttle": (("throttle",), "it was hardly logged in flight, or never changes"),
     "battery": (("battery_voltage",), "none was measured in flight"),
@@ -41,7 +41,7 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
         ("body_rate", "body_rate_setpoint", "torque_command"),
         "the flight is too short for a spectrum",
     ),
-    "rotors": (("outputs",), "the log does not tell what each rotor was sent, or the flight is too short"),
+    "rotors": (("outputs",), "the log does not show what each rotor was sent, or the flight is too short"),
 }
 _FED_FORWARD: Final = "this controller's rate set-points only feed forward, and its rates do not follow them"
 _WORDS: Final[Mapping[str, str]] = {

@@ -139,7 +139,7 @@ def find_throttle(throttle: CleanSeries, intervals: Sequence[Interval]) -> Cours
     # As it is shown: a limit is not passed by what is rounded away.
     half, most = (round(float(one), 2) for one in np.percentile(record.values, [50.0, _NEARLY_ALL]))
     low, high = _HOVER
-    told = f"The throttle is {_percent(half)} in the median, "
+    told = f"The median throttle is {_percent(half)}, "
     level: Level = "normal"
     if half < low:
         told += f"less than the {_percent(low)} of most vehicles in hover: there is power to spare."
@@ -151,10 +151,10 @@ def find_throttle(throttle: CleanSeries, intervals: Sequence[Interval]) -> Cours
             f"more than the {_percent(high)} of most vehicles in hover: little is left to climb and correct."
         )
     if most < 1.0:
-        told += f" It stays below {_percent(most)} in 99 % of the flight."
+        told += f" The throttle stays below {_percent(most)} in 99 % of the flight."
     else:
         at_end = 100.0 * float(np.mean(record.values >= _AT_END))
-        told += f" It is at its end in {number(at_end, 2)} % of the flight."
+        told += f" The throttle is at its upper end in {number(at_end, 2)} % of the flight."
     return _course(
         record,
         sentence=told,

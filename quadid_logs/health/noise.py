@@ -424,7 +424,7 @@ def _sentence(
     if not searched:
         return (
             f"The gyro is logged up to {highest_hz:.3g} Hz and no set-points are: "
-            "vibration cannot be told from commands there."
+            "vibration cannot be separated from commands there."
         )
     named = sorted(
         ((axis, line) for axis, found in lines.items() for line in found), key=lambda one: -one[1].height_db

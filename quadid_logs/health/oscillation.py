@@ -14,6 +14,7 @@ from quadid_logs.health.noise import LOOPS_END_HZ, LOWEST_HZ, is_commanded, may_
 from quadid_logs.health.records import records
 from quadid_logs.health.spectra import Periodograms, find_lines, periodograms
 from quadid_logs.numerals import number
+from quadid_logs.sentences import continued
 from quadid_logs.vocabulary import AXES
 
 #: Where the rotors' speed is known, what is near it is vibration.
@@ -160,11 +161,16 @@ def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bo
         if folded:
             return f"The log shows no oscillation {band} in the rates and outputs."
         return f"No axis oscillates for long {band}."
+    shown_of: dict[str, list[str]] = {}
+    for one in found[:3]:
+        shown_of.setdefault(_why(one), []).append(
+            f"{one.axis.capitalize()} oscillates at {one.line.frequency_hz:.1f} Hz, in its rate "
+            f"({np.degrees(one.line.rms):.2g} deg/s rms) and in its output, in "
+            f"{100.0 * one.line.share:.0f} % of the flight."
+        )
     told = " ".join(
-        f"{one.axis.capitalize()} oscillates at {one.line.frequency_hz:.1f} Hz, in its rate "
-        f"({np.degrees(one.line.rms):.2g} deg/s rms) and in its output, in {100.0 * one.line.share:.0f} % of "
-        f"the flight. {_why(one)}"
-        for one in found[:3]
+        f"{' '.join(shown)} {why if len(shown) == 1 else f'On each of them {continued(why)}'}"
+        for why, shown in shown_of.items()
     )
     if folded:
         told += (

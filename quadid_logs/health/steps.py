@@ -149,7 +149,7 @@ def find_steps(responses: dict[str, Response]) -> Steps | None:
     level: Level = "high" if any(one.overshoot.value > _OVERSHOOT for one in axes.values()) else "normal"
     limit = f"{100.0 * _OVERSHOOT:.0f} %, that of a loop with 45 degrees of phase margin"
     judged = f"which is normal (below {limit})" if level == "normal" else f"more than the normal {limit}"
-    told = f"Half of a step is reached after: {late}. It overshoots by: {over}, {judged}."
+    told = f"The rate reaches half of a step after: {late}. It overshoots by: {over}, {judged}."
     return Steps(sentence=told, level=level, axes=axes)
 
 

@@ -204,7 +204,7 @@ class Logs:
             part.unlink()
         raise LinkError(
             f"{printable(log.name)} is not what the vehicle has: the checksums differ.",
-            hint="Run the command again: it begins anew.",
+            hint="Run the command again: it starts over.",
         )
 
     def _find(self, folder: Path) -> Iterator[RemoteLog]:

@@ -320,7 +320,7 @@ class _ByFrames:
         # The first frame may come twice; that of another log follows another start.
         if begins_log(data, first) and (self._stream is None or self._sent_s > self._begun_s):
             if self._stream is not None:
-                self._losses.events.append("The vehicle began its log anew: what follows is in another file.")
+                self._losses.events.append("The vehicle started a new log: what follows is in another file.")
             self._stream, self._begun_s = ULogStream(self._new_file(), self._losses), now_s
         if self._stream is None:
             # In the middle of a stream that an earlier recording left on.
@@ -445,7 +445,7 @@ class _ByBlocks:
                 self._answer(_STOP_BLOCKS, _ACK)
                 return
             if self._stream is not None:
-                self._losses.events.append("The vehicle began its log anew: what follows is in another file.")
+                self._losses.events.append("The vehicle started a new log: what follows is in another file.")
             self._stream = BlockStream(self._new_file(), self._losses)
         if self._stream is not None and self._stream.take(number, data, now_s):
             self._data_s = now_s

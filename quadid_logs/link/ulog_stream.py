@@ -58,11 +58,6 @@ class ULogStream:
         #: Bytes in the file: all of them whole messages.
         self.n_bytes = 0
 
-    @property
-    def has_begun(self) -> bool:
-        """Whether the first frame of the log has arrived."""
-        return self._next is not None
-
     def take(self, number: int, data: bytes, first: int, now_s: float) -> None:
         """Take a frame, in whatever order; before the first one of a log, frames are of no use.
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from quadid_logs.data.closed_loop import Estimated
+from quadid_logs.report.numbers import interval, resolved
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
@@ -23,3 +26,19 @@ class Table:
     head: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
+
+
+def estimated_cell(figure: Estimated | None) -> Cell:
+    """Return a figure with its 95 % interval below; a dash where it is not known.
+
+    Parameters
+    ----------
+    figure : Estimated or None
+
+    Returns
+    -------
+    Cell
+    """
+    if figure is None:
+        return Cell(text="–")
+    return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95))

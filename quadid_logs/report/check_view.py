@@ -104,7 +104,7 @@ def _axis_words(one: AxisCheck) -> str:
         case Obstacle.NO_PROMISE:
             return "not comparable, nothing was promised of it"
         case Obstacle.NO_MARGINS:
-            return "not comparable, this log does not tell its margins"
+            return "not comparable, this log does not show its margins"
         case Obstacle.OTHER_GAINS if one.flown is Flown.BACK:
             return "not comparable, the earlier gains flew: the next ones were not loaded"
         case Obstacle.OTHER_GAINS:

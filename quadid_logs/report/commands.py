@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
@@ -99,22 +99,26 @@ def filled(text: str, result: Result) -> str:
     -------
     str
     """
-    return _OPEN.sub(lambda match: f"`{on_log(result, match[1])}`", like_log(text, result.log.path))
+    options = tuple(_options(result, ("--log", *_FIT, *_PART)))
+    return _OPEN.sub(lambda match: f"`{on_log(result, match[1])}`", like_log(text, result.log.path, options))
 
 
-def like_log(text: str, path: str) -> str:
+def like_log(text: str, path: str, options: Sequence[object] = ()) -> str:
     """Return a text with the log in the place of `LOG` where a plan is to keep what is set on its vehicle.
 
     Parameters
     ----------
     text : str
     path : str
+    options : sequence of object
+        Of the log, each with its values.
 
     Returns
     -------
     str
     """
-    return _LIKE.sub(lambda _match: quoted(named(path)), text)
+    words = (named(path), *map(str, options))
+    return _LIKE.sub(lambda _match: " ".join(map(quoted, words)), text)
 
 
 def _options(result: Result, takes: tuple[str, ...]) -> Iterator[object]:

@@ -13,6 +13,7 @@ from quadid_logs.data.closed_loop import AxisLoop, Estimated
 from quadid_logs.data.promise import AxisCheck, Decision, Held
 from quadid_logs.data.result import Result
 from quadid_logs.promise import checked
+from quadid_logs.report.gain_files import exact
 from quadid_logs.report.json import strict_text
 from quadid_logs.report.loop_json import margins_and_step
 from quadid_logs.report.numbers import estimate, number, resolved
@@ -34,6 +35,8 @@ _MARGINS: Final = (
 
 #: From here on another throttle is named: half a per cent is less than any flight leaves open.
 _LEAST_THROTTLE_CHANGE: Final = 0.005
+#: Lines of parameters in a terminal.
+_MOST_PARAMETERS: Final = 20
 
 
 def headline(comparison: Comparison) -> str:
@@ -75,8 +78,21 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
     if shared := _quantity_lines(comparison, ""):
         changed = any(each.changed for each in comparison.quantities if not each.axis)
         lines += [f"  actuators  {'changed' if changed else 'same'}", *shared]
-    lines += [f"  {_promise_sentence(axis, one)}" for axis, one in checked(before, after).items()]
+    lines += _parameter_lines(comparison)
+    lines += [f"  {sentence}" for sentence in promise_sentences(before, after)]
     return (*lines, *(f"  next: {printable(text, 800)}" for text in comparison.advice))
+
+
+def _parameter_lines(comparison: Comparison) -> Iterator[str]:
+    """Yield which parameters of the autopilot differ, the first ones by name."""
+    differing = comparison.parameters
+    if not differing:
+        return
+    yield f"  parameters  {len(differing)} differ"
+    for one in differing[:_MOST_PARAMETERS]:
+        yield f"{'':9}{printable(one.name, 40)} {exact(one.before)} -> {exact(one.after)}"
+    if more := len(differing[_MOST_PARAMETERS:]):
+        yield f"{'':9}and {more} more, which --json and the page list"
 
 
 def _quantity_lines(comparison: Comparison, axis: str) -> list[str]:
@@ -172,6 +188,21 @@ def amount(quantity: Quantity, difference: float, towards: float = 1.0) -> str:
     return f"{resolved(math.copysign(1.0, towards) * percents[0], -percents[1], percents[1])} %{of}"
 
 
+def promise_sentences(before: Result, after: Result) -> tuple[str, ...]:
+    """Return whether the axes that flew with the recommended gains have the promised margins.
+
+    Parameters
+    ----------
+    before, after : Result
+
+    Returns
+    -------
+    tuple of str
+        One for each such axis.
+    """
+    return tuple(_promise_sentence(axis, one) for axis, one in checked(before, after).items())
+
+
 def _promise_sentence(axis: str, found: AxisCheck) -> str:
     """Say of one axis that flew with the recommended gains whether it has the promised margins."""
     units = {"gain_margin_db": "dB", "phase_margin_deg": "degrees"}
@@ -213,6 +244,7 @@ def comparison_text(before: Result, after: Result, comparison: Comparison) -> st
             }
             for item in comparison.quantities
         ],
+        "parameters": [one._asdict() for one in comparison.parameters],
         "closed_loop": {
             axis: {
                 name: None if (loop := _loop(result, axis)) is None else margins_and_step(loop)

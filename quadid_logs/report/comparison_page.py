@@ -12,7 +12,8 @@ from quadid_logs.comparison import Comparison, Quantity
 from quadid_logs.data.result import Result
 from quadid_logs.figures import Figure
 from quadid_logs.report.cells import Cell, Table
-from quadid_logs.report.comparison import amount, change_words, headline, throttle_note
+from quadid_logs.report.comparison import amount, change_words, headline, promise_sentences, throttle_note
+from quadid_logs.report.gain_files import exact
 from quadid_logs.report.html import charts
 from quadid_logs.report.numbers import interval, resolved
 from quadid_logs.report.pages import environment
@@ -61,6 +62,8 @@ def comparison_page(
             style=_STYLES[comparison.verdict],
             axes=[*(_axis(comparison, axis) for axis in comparison.axes), *_actuators(comparison)],
             table=_table(comparison),
+            parameters=_parameters(comparison),
+            promises=[f"{one[:1].upper()}{one[1:]}." for one in promise_sentences(before, after)],
             steps=[printable(step, 800) for step in comparison.advice],
             figures=figures,
             **charts(figures),
@@ -114,8 +117,23 @@ def _table(comparison: Comparison) -> Table | None:
         caption=f"Every number that was compared (structure {printable(comparison.structure, 40)})",
         head=("", "before", "after", "difference", "smallest detectable"),
         rows=tuple(_row(quantity) for quantity in ordered),
-        note="Small: 95 % intervals. A change is a difference larger than what both intervals leave open, as"
-        " many quantities are looked at, and than what differs between flights of one vehicle.",
+        note="Small: 95 % intervals. A difference counts as a change if it is larger than the smallest"
+        " detectable one: what the intervals and the typical spread between flights of one vehicle explain.",
+    )
+
+
+def _parameters(comparison: Comparison) -> Table | None:
+    """Return the parameters of the autopilot that differ."""
+    if not comparison.parameters:
+        return None
+    return Table(
+        caption="Parameters of the autopilot that differ",
+        head=("", "before", "after"),
+        rows=tuple(
+            (Cell(text=printable(one.name, 40)), Cell(text=exact(one.before)), Cell(text=exact(one.after)))
+            for one in comparison.parameters
+        ),
+        note="The last values in each log. Calibrations, counters and what only one log holds are left out.",
     )
 
 

@@ -194,10 +194,13 @@ def write_drawings(result: Result, provenance: Provenance, folder: Path, png: Pn
     """Write report.html and the chosen PNG files into an existing folder."""
     from quadid_logs.figures.png import write_png
     from quadid_logs.report.html import render_html
+    from quadid_logs.report.sharing import without_folders
     from quadid_logs.report.view import view_of
 
     figures = figures_of(result)
-    page = render_html(view_of(result, provenance), figures)
+    shown, told = without_folders(result, provenance)
+    page = render_html(view_of(shown, told), figures)
+    tuning_of.hand_on(shown, result)
     (folder / REPORT_FILE).write_text(page, encoding="utf-8", newline="\n")
     if png == "none":
         return

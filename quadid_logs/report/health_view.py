@@ -106,7 +106,7 @@ def _hint(result: Result, health: Health) -> str:
         mine = next(one for one in health.oscillation.axes if one.axis == axis)
         hint = _HINTS.get(tuned[axis].direction, "") if axis in tuned else ""
         if axis in tuned and tuned[axis].by_rule:
-            hint = "No model tells its gains; `quadid-log tune` writes a first step by rule: half of them."
+            hint = "No model gives its gains; `quadid-log tune` writes a first step by rule: half of them."
         predicted = _predicted(result, mine)
         told += [f" {axis.capitalize()}: {' '.join(filter(None, (predicted, hint)))}"] * bool(
             predicted or hint

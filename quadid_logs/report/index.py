@@ -8,6 +8,7 @@ from urllib.parse import quote
 
 from quadid_logs.data.result import Result
 from quadid_logs.report.pages import environment
+from quadid_logs.report.sharing import without_folder
 from quadid_logs.report.verdict import effect_sentence, flown_sentence
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
@@ -28,7 +29,7 @@ def index_row(result: Result, folder_name: str) -> IndexRow:
     found = result.diagnosis.axes
     return IndexRow(
         name=printable(result.name, 80),
-        summary=f"{flown_sentence(result)}; {printable(result.log.path, 160)}",
+        summary=f"{flown_sentence(result)}; {printable(without_folder(result.log.path), 160)}",
         link=f"{quote(folder_name)}/report.html",
         axes=tuple(
             (found[axis].verdict if axis in found else "refused", effect_sentence(result, axis))

@@ -10,7 +10,7 @@ from quadid_logs.control.margins import UNMODELLED_DELAY_S
 from quadid_logs.control.room import outermost
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
 from quadid_logs.data.result import Result
-from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.cells import Cell, Table, estimated_cell
 from quadid_logs.report.filter_table import filter_tables
 from quadid_logs.report.numbers import interval, number, resolved
 from quadid_logs.report.outer_view import outer_sentences, outer_tables
@@ -47,7 +47,7 @@ def loop_view(result: Result) -> LoopView:
     if loop is None:
         return LoopView(intro=f"{_why_none(result)} Nothing is said of the loop.", sentences=(), margins=None)
     if not loop.axes:
-        text = "The log's parameters do not tell the controller, or it has parts that are not modelled."
+        text = "The log's parameters do not describe the controller, or it has parts that are not modelled."
         return LoopView(intro=f"{text} Nothing is said of the loop.", sentences=(), margins=None)
     return LoopView(
         intro=_intro(loop),
@@ -185,10 +185,4 @@ def _row(name: str, margins: Margins, also: str) -> tuple[Cell, ...]:
         margins.peak_sensitivity,
     )
     name_cell = Cell(text=name, detail=also or ("extrapolated" if margins.extrapolated else ""))
-    return (name_cell, *(_cell(each) for each in figures))
-
-
-def _cell(figure: Estimated | None) -> Cell:
-    if figure is None:
-        return Cell(text="–")
-    return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95))
+    return (name_cell, *(estimated_cell(each) for each in figures))

@@ -209,7 +209,7 @@ def _python_control(result: Result, model: Model) -> str:
     unit = "N m" if input_unit(result) == "N m" else "normalised command"
     name = printable(PurePath(result.log.path).name, 120)
     warning = f"# NOT TO BE TRUSTED: {', '.join(refused)}\n" if refused else ""
-    left_out = f"# left out, cannot be told from zero: {', '.join(nothing)}\n" if nothing else ""
+    left_out = f"# left out, indistinguishable from zero: {', '.join(nothing)}\n" if nothing else ""
     return f'''"""Rates p, q, r [rad/s] from torques L, M, N [{unit}]; written by quadid-logs."""
 # from {name!a}, structure {model.structure}; linear part about hover
 {left_out}{warning}import control

@@ -163,7 +163,7 @@ def _weak_note(parameters: Iterable[Parameter]) -> str:
     if not reasons:
         return ""
     why = "; ".join(f"{', '.join(names)}: {reason or 'not known'}" for reason, names in reasons.items())
-    return f"Grey: this flight cannot tell the value; do not read it as a property of the vehicle. {why}."
+    return f"Grey: this flight does not identify the value; it is no property of the vehicle. {why}."
 
 
 def _moment(inertia: Inertia, i: int, j: int, *, weak: bool) -> Cell:

@@ -92,11 +92,11 @@ def off_nominal_note(tuning: Tuning) -> str:
     str
     """
     kinds = {one.condition.kind for found in tuning.axes.values() for one in found.off_nominal}
-    without = "" if kinds.intersection(_BATTERIES) else " The log does not tell the battery's voltage."
+    without = "" if kinds.intersection(_BATTERIES) else " The log does not hold the battery's voltage."
     return (
-        "In each row one thing differs from this flight, and the vehicle turns so many times as much per "
-        "command. The margins are those with the angle loop where it is known. Small: the 95 % interval with "
-        "the last named gains." + without
+        "Each row changes one thing about this flight, which makes the vehicle turn that many times as much "
+        "per command. Margins include the angle loop where it is known. Small: the 95 % interval with the "
+        "gains named last." + without
     )
 
 

@@ -8,8 +8,8 @@ from typing import Any, Final
 from quadid_logs.control.outer_findings import outermost
 from quadid_logs.data.closed_loop import Estimated, Margins
 from quadid_logs.data.outer_loops import CascadeReplay, OuterControllers, OuterLoop, OuterLoops, Shown
-from quadid_logs.report.cells import Cell, Table
-from quadid_logs.report.numbers import interval, number, resolved
+from quadid_logs.report.cells import Cell, Table, estimated_cell
+from quadid_logs.report.numbers import number
 
 _SHOWN: Final = {
     Shown.AGREES: "reproduces the log",
@@ -86,7 +86,7 @@ def _margin_rows(axis: str, found: OuterLoop) -> Iterator[tuple[Cell, ...]]:
             continue
         shown = Cell(text=f"{name}, {_ALONG[axis]}")
         if not margins.stable:
-            yield (shown, Cell(text="unstable"), *[Cell(text="–")] * 3, _cell(found.attitude_hz))
+            yield (shown, Cell(text="unstable"), *[Cell(text="–")] * 3, estimated_cell(found.attitude_hz))
             continue
         figures = (
             margins.phase_margin_deg,
@@ -95,7 +95,7 @@ def _margin_rows(axis: str, found: OuterLoop) -> Iterator[tuple[Cell, ...]]:
             margins.delay_margin_s,
             found.attitude_hz,
         )
-        yield (shown, *(_cell(each) for each in figures))
+        yield (shown, *(estimated_cell(each) for each in figures))
 
 
 def _attitude_table(outer: OuterLoops) -> Table | None:
@@ -111,7 +111,7 @@ def _attitude_table(outer: OuterLoops) -> Table | None:
                 Cell(text=axis),
                 Cell(text="–" if attitude is None else _SHOWN[attitude.shown]),
                 Cell(text="–" if attitude is None else _percent(attitude.relative_rms)),
-                _cell(None if attitude is None else attitude.gain),
+                estimated_cell(None if attitude is None else attitude.gain),
                 Cell(text="–" if shaper is None else _percent(shaper.relative_rms)),
                 Cell(text="–" if shaper is None else _percent(shaper.unshaped_rms)),
             )
@@ -140,21 +140,15 @@ def _cascade_row(direction: str, found: CascadeReplay) -> tuple[Cell, ...]:
     return (
         Cell(text=direction),
         Cell(text=_SHOWN[found.shown]),
-        _cell(found.position),
-        _cell(found.velocity),
-        _cell(found.integral),
+        estimated_cell(found.position),
+        estimated_cell(found.velocity),
+        estimated_cell(found.integral),
         Cell(text=number(found.velocity_error_m_s, 2)),
     )
 
 
 def _percent(value: float) -> str:
     return f"{number(100.0 * value, 2)} %"
-
-
-def _cell(figure: Estimated | None) -> Cell:
-    if figure is None:
-        return Cell(text="–")
-    return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95))
 
 
 def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | None:

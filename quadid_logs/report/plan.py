@@ -143,7 +143,7 @@ def excitation_lines(plan: Plan) -> Iterator[str]:
     if not plan.excitations:
         return
     unit = "of full torque" if plan.advice.excitation_entry == "mixer" else "deg/s"
-    yield "## Excitation"
+    yield f"## Excitation{f' by {plan.advice.excitation_by}' if plan.advice.excitation_by else ''}"
     yield ""
     columns = (
         "axis",
@@ -166,7 +166,7 @@ def excitation_lines(plan: Plan) -> Iterator[str]:
     yield (
         f"Computed for the model of {printable(plan.model, 60)}, in this air: {plan.air}. The last column is "
         "the half width of the 95 % interval of the control effectiveness that the analysis of such a flight "
-        "gives. Where the flight leaves open a dead zone or another effect, it is wider."
+        "gives. It is wider where the flight leaves open a dead zone or another effect."
     )
     short = [axis for axis, one in plan.excitations.items() if one.half_width > _MISSED * plan.wanted]
     if short:
@@ -291,7 +291,7 @@ def _by_hand(plan: Plan) -> Iterator[str]:
 def _expected(plan: Plan, prediction: Prediction) -> Iterator[str]:
     """Yield what the simulated flight of this plan gave."""
     yield (
-        f"A simulated flight of this plan ({printable(prediction.vehicle, 60)}, calm air, "
+        f"A simulated flight of this plan in calm air ({printable(prediction.vehicle, 60)}, "
         f"{plan.duration_s:.0f} s) gives:"
     )
     yield ""
@@ -304,8 +304,8 @@ def _expected(plan: Plan, prediction: Prediction) -> Iterator[str]:
         yield f"- motor lag {estimate(1e3 * model.actuator.lag_s, low, high)} ms"
     yield ""
     yield (
-        "In brackets: 95 % intervals. Values and intervals are the simulated vehicle's; yours differ with "
-        "its size, its vibration and the wind. With --vehicle FILE.toml the simulated one is more like it."
+        "In brackets: 95 % intervals. These values are those of the simulated vehicle. Yours differ with "
+        "size, vibration and wind. To simulate a vehicle more like yours, pass --vehicle FILE.toml."
     )
 
 
@@ -317,5 +317,5 @@ def _gain(parameter: Parameter) -> str:
     text = f", effectiveness {estimate(parameter.value, low, high)} {unit}"
     if parameter.value and math.isfinite(high - low):
         percent = 100.0 * (high - low) / (2.0 * abs(parameter.value))
-        text += f", known to ±{number(percent, 2)} %{' with the calibration to N m' if calibrated else ''}"
+        text += f", known to ±{number(percent, 2)} %{', calibration to N m included' if calibrated else ''}"
     return text

@@ -85,7 +85,7 @@ def _axis(found: Repeatability, axis: str) -> AxisView:
         )
         sentence = f"{'; '.join(filter(None, parts))}."
     else:
-        sentence = "Fewer than two flights tell the effectiveness."
+        sentence = "Fewer than two flights identify the effectiveness."
     outcome = found.axes[axis]
     return AxisView(axis=axis, outcome=outcome, style=_STYLES[outcome], sentence=sentence)
 

@@ -23,8 +23,8 @@ def result_lines(result: Result) -> tuple[str, ...]:
         Lines without control characters, whatever the log holds.
     """
     model = result.identification.recommended
-    structure = f"structure {model.structure}" if model else "no model"
-    lines = [f"{_name(result)}: {structure}, {flown_sentence(result)}"]
+    structure = f"structure {model.structure}, " if model else ""
+    lines = [f"{_name(result)}: {structure}{flown_sentence(result)}"]
     for axis in AXES:
         if axis in result.diagnosis.axes:
             lines += _axis_lines(result, axis)

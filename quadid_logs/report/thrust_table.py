@@ -9,7 +9,7 @@ from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
 from quadid_logs.untrusted import printable
 
-_BY_SPEED: Final = "what the measured speeds of the rotors tell"
+_BY_SPEED: Final = "from the measured rotor speeds"
 
 
 def thrust_table(curve: ThrustCurve) -> Table:
@@ -49,8 +49,8 @@ def _sentence(curve: ThrustCurve) -> str:
     name = printable(curve.parameter, 40) or (_BY_SPEED if curve.measured else unnamed)
     if not curve.identifiable:
         return (
-            f"The vehicle's answer does not tell the expo of the thrust curve: {printable(curve.reason)}. "
-            f"It is taken as {number(curve.assumed, 2)} ({name}), which the intervals take for uncertain."
+            f"This flight does not identify the expo of the thrust curve: {printable(curve.reason)}. "
+            f"{number(curve.assumed, 2)} was used ({name}), and the intervals allow for an error of it."
         )
     value = estimate(curve.expo, *curve.ci95)
     if curve.corrected:

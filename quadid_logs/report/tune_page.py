@@ -11,6 +11,7 @@ from quadid_logs.data.what_if import WhatIf
 from quadid_logs.report.filter_picture import filter_picture
 from quadid_logs.report.pages import environment
 from quadid_logs.report.provenance import LONGEST_COMMAND, Provenance
+from quadid_logs.report.sharing import without_folders
 from quadid_logs.report.step_picture import step_picture
 from quadid_logs.report.tune_view import tune_view
 from quadid_logs.report.what_if import what_if_parts
@@ -43,6 +44,7 @@ def tune_page(
     str
         A complete HTML document; every text is escaped by the template.
     """
+    result, provenance = without_folders(result, provenance)
     pictures = [step_picture(axis, found) for axis, found in tuning.axes.items()]
     filters = [filter_picture(axis, found) for axis, found in tuning.axes.items()]
     page: str = (

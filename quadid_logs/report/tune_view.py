@@ -20,10 +20,10 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Direction, Limits, Tuning
 from quadid_logs.diagnose.advice import is_to_set, to_a_usable_axis
 from quadid_logs.diagnose.advice import next_steps as ordered_steps
-from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.cells import Cell, Table, estimated_cell
 from quadid_logs.report.commands import filled, on_next_log
 from quadid_logs.report.gain_files import exact, file_names
-from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
+from quadid_logs.report.numbers import estimate, number, percent, resolved
 from quadid_logs.report.off_nominal import condition_words, off_nominal_note, off_nominal_tables
 from quadid_logs.report.words import evidence_phrase
 from quadid_logs.sentences import listed
@@ -156,14 +156,14 @@ def _act(found: AxisTuning) -> str:
             return "keep the gains"
         case "raise" | "lower" as way:
             if found.reasons[0].code == "QL641":
-                return f"{way} {_counted(len(found.changes), 'gain')}, each by itself"
+                return f"{way} {_counted(len(found.changes), 'gain')}"
             ratio = _ratio(found)
             return f"{way} the gains to {number(100.0 * ratio, 2 if ratio < 1.0 else 3)} %"
         case "reshape":
             gains = _counted(len(found.changed_gains), "gain")
             if found.filters:
                 return f"change {_counted(len(found.filters), 'setting')} of the filters and {gains}"
-            return f"change {gains}, each by itself"
+            return f"change {gains}"
 
 
 def _counted(number_of: int, noun: str) -> str:
@@ -456,8 +456,12 @@ def _steps_to_advice(result: Result, tuning: Tuning) -> Iterator[str]:
     again += [axis for axis, some in decided.items() if any(is_to_set(one) for one in some)]
     of_model = ordered_steps(((result.log, one) for one in mine), ((result.log, axis) for axis in again))
     own: dict[str, list[str]] = {}
+    said = {"", *of_model}
+    advice, version = named(result.log.autopilot).advice, result.log.version
+    if advice.logging_needs_update(version) and any(is_to_set(one) for one in mine):
+        said.add(advice.controller_note(version))
     for axis, one in reasons:
-        if one.code != "QL615" and one.advice not in of_model:
+        if one.code != "QL615" and one.advice not in said:
             own.setdefault(one.advice, []).append(axis)
     to_set = {one.advice for _, one in reasons if is_to_set(one)}
     yield from (step for step in own if step in to_set)
@@ -499,13 +503,7 @@ def _row(name: str, loop: str, margins: Margins) -> tuple[Cell, ...]:
         margins.crossover_hz,
         margins.oscillation_hz,
     )
-    return (head, *(_cell(one) for one in figures))
-
-
-def _cell(figure: Estimated | None) -> Cell:
-    if figure is None:
-        return Cell(text="–")
-    return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95))
+    return (head, *(estimated_cell(one) for one in figures))
 
 
 def _limits(limits: Limits) -> str:

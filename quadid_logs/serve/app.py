@@ -84,6 +84,7 @@ def make_app(server: Server) -> Lingering:
             Route("/plan", routes.plan, methods=["POST"]),
             Route("/entries/{id}/cancel", routes.cancel, methods=["POST"]),
             Route("/entries/{id}/again", routes.again, methods=["POST"]),
+            Route("/entries/{id}/log", routes.choose, methods=["POST"]),
             Route("/entries/{id}", routes.delete, methods=["DELETE"]),
             Route("/vehicles/{id}", routes.vehicle),
             Route("/vehicles/{id}/name", routes.rename, methods=["POST"]),
@@ -190,6 +191,16 @@ class _Routes:
     async def again(self, request: Request) -> Response:
         """Do a job once more."""
         await asyncio.to_thread(self._schedule.again, self._entry(request).id)
+        return Response(status_code=204)
+
+    async def choose(self, request: Request) -> Response:
+        """Analyze another log of a file that holds several."""
+        number = (await _json(request)).get("number")
+        entry = self._entry(request)
+        if not isinstance(number, int) or not await asyncio.to_thread(
+            self._schedule.choose, entry.id, number
+        ):
+            raise HTTPException(400, "The file holds no such log.")
         return Response(status_code=204)
 
     async def delete(self, request: Request) -> Response:

@@ -34,6 +34,8 @@ class Job:
     kind: Kind
     logs: tuple[str, ...]
     names: tuple[str, ...]
+    #: Of each file the log that was chosen, 0 for its longest.
+    numbers: tuple[int, ...]
     sha256: tuple[str, ...]
     n_bytes: int
     options: Mapping[str, Any]
@@ -80,10 +82,10 @@ def _analyze(job: Job, tell: Tell) -> Done:
     from quadid_logs.report.json import json_text
     from quadid_logs.report.provenance import Provenance
 
-    prepared, result = _result_of(job, 0, tell)
+    prepared, result, lengths_s = _result_of(job, 0, tell)
     file = LogFile(url=job.names[0], n_bytes=job.n_bytes, modified_s=float(job.options["modified_s"]))
     rows = result_rows([result], file, job.sha256[0], Options().rules)
-    summary = _summary(result, rows[0])
+    summary = _summary(result, rows[0], lengths_s or job.options.get("lengths_s", {}))
     tell("writing the report", summary)
     provenance = Provenance(version=__version__, command="", log_sha256=job.sha256[0])
     folder = Path(job.folder)
@@ -97,8 +99,11 @@ def _analyze(job: Job, tell: Tell) -> Done:
     return Done(summary=summary, outcome=Outcome(file=file, sha256=job.sha256[0], rows=rows))
 
 
-def _result_of(job: Job, which: int, tell: Tell) -> tuple[Prepared, Result]:
-    """Analyze one log, of a file with several the longest, under the name that its owner knows."""
+def _result_of(job: Job, which: int, tell: Tell) -> tuple[Prepared, Result, dict[str, float]]:
+    """Analyze one log under the name that its owner knows; of a file with several the chosen or longest.
+
+    The last is how long each log of the file is [s], where none was chosen of several.
+    """
     import time
 
     from quadid_logs.align import cut
@@ -107,13 +112,14 @@ def _result_of(job: Job, which: int, tell: Tell) -> tuple[Prepared, Result]:
     from quadid_logs.load import load
     from quadid_logs.pipeline import judge
 
-    settings = Settings()
+    settings, lengths_s = Settings(log=job.numbers[which]), {}
     began = time.perf_counter()
     tell("read", None)
     try:
         prepared = load(job.logs[which], settings)
     except SeveralLogsError as several:
         settings = Settings(log=several.longest)
+        lengths_s = {str(number): length for number, length in several.durations_s.items()}
         prepared = load(job.logs[which], settings)
     named = dataclasses.replace(prepared, log=dataclasses.replace(prepared.log, path=job.names[which]))
     read = time.perf_counter()
@@ -123,7 +129,8 @@ def _result_of(job: Job, which: int, tell: Tell) -> tuple[Prepared, Result]:
     health = health_of(named, data)
     timings_s = {"read": read - began, "align": aligned - read, "health": time.perf_counter() - aligned}
     tell("identify", None)
-    return named, judge(named.log, data, settings, vehicle=None, health=health, timings_s=timings_s)
+    result = judge(named.log, data, settings, vehicle=None, health=health, timings_s=timings_s)
+    return named, result, lengths_s
 
 
 def _fits_history(result: Result) -> bool:
@@ -140,7 +147,7 @@ def _by_flight(prepared: Prepared, result: Result) -> tuple[Result, ...]:
     return tuple(judge_flights(prepared, settings, None, result.timings_s["read"], "verdict"))
 
 
-def _summary(result: Result, row: Mapping[str, Any]) -> dict[str, Any]:
+def _summary(result: Result, row: Mapping[str, Any], lengths_s: Mapping[str, float]) -> dict[str, Any]:
     """Return what the list shows of a log."""
     from quadid_logs.report.verdict import effect_sentence, flown_sentence, headline
 
@@ -154,17 +161,22 @@ def _summary(result: Result, row: Mapping[str, Any]) -> dict[str, Any]:
         "started_from": row["started_from"],
         "n_flights": len(result.data.flights),
         "headline": headline(result),
-        "flown": flown_sentence(result) + _which_log(result),
+        "flown": flown_sentence(result) + _which_log(result, lengths_s),
+        "log": result.settings.log,
+        "lengths_s": dict(lengths_s),
         "axes": {
             axis: {"verdict": found[axis].verdict, "effect": effect_sentence(result, axis)} for axis in AXES
         },
     }
 
 
-def _which_log(result: Result) -> str:
+def _which_log(result: Result, lengths_s: Mapping[str, float]) -> str:
     """Say which log of a file with several this is."""
-    number = result.settings.log
-    return f"; log {number} of the file, its longest" if number else ""
+    number = str(result.settings.log)
+    if number not in lengths_s:
+        return ""
+    which = "the longest" if lengths_s[number] == max(lengths_s.values()) else "one"
+    return f"; log {number}, {which} of {len(lengths_s)} in the file"
 
 
 def _compare(job: Job, tell: Tell) -> Done:

@@ -152,6 +152,31 @@ class Schedule:
             if entry is not None and entry.is_final:
                 self._put(replace(entry, state=State.QUEUED, error="", summary={}, n_begun=0))
 
+    def choose(self, entry_id: str, number: int) -> bool:
+        """Analyze another log of a file that holds several; what was asked about the first one is deleted.
+
+        Parameters
+        ----------
+        entry_id : str
+        number : int
+
+        Returns
+        -------
+        bool
+            Whether the file holds such a log.
+        """
+        with self._condition:
+            entry = self._entries.get(entry_id)
+            if entry is None or not entry.is_final or str(number) not in entry.summary.get("lengths_s", {}):
+                return False
+            for other in [each.id for each in self._entries.values() if entry_id in each.logs]:
+                if other != entry_id:
+                    self._forget_one(other)
+            options = {**entry.options, "log": number, "lengths_s": entry.summary["lengths_s"]}
+            again = replace(entry, options=options, state=State.QUEUED, error="", summary={}, n_begun=0)
+            self._put(again)
+            return True
+
     def cancel(self, entry_id: str) -> None:
         """Let a job be: its process is killed.
 
@@ -322,6 +347,7 @@ class Schedule:
             kind=entry.kind,
             logs=tuple(str(self._store.log(log)) for log in entry.logs),
             names=tuple(self._name_of(log) for log in entry.logs),
+            numbers=tuple(self._number_of(log) for log in entry.logs),
             sha256=entry.logs,
             n_bytes=entry.n_bytes,
             options=entry.options,
@@ -331,6 +357,10 @@ class Schedule:
     def _name_of(self, log: str) -> str:
         entry = self.get(log)
         return entry.name if entry is not None else log
+
+    def _number_of(self, log: str) -> int:
+        entry = self.get(log)
+        return 0 if entry is None else int(entry.options.get("log", 0))
 
     def _teller(self, entry: Entry, running: _Running) -> Callable[[str, Mapping[str, Any] | None], None]:
         """Return what notes each stage of a job, and its verdict as soon as that is known."""

@@ -14,9 +14,10 @@ from quadid_logs.maths.rotations import Component
 from quadid_logs.simulate.components import stacked
 from quadid_logs.simulate.control import Arithmetic
 from quadid_logs.simulate.effects import Effects
+from quadid_logs.vocabulary import GRAVITY_M_S2
 
 #: Of most flight controllers: 16 g [m/s^2].
-ACCELEROMETER_RANGE_M_S2: Final = 16.0 * 9.80665
+ACCELEROMETER_RANGE_M_S2: Final = 16.0 * GRAVITY_M_S2
 #: The force of an imbalance turns with the rotor in its plane, a quarter of a turn between the two axes; a
 #: part of it is along the third. At the end of an arm it turns the frame about all three.
 _FORCE_PARTS: Final = (1.0, 1.0, 0.3)

@@ -388,7 +388,7 @@ _LIST: Final = (
     ),
     Scenario(
         name="single-tone",
-        sentence="One tone per axis: a gain cannot be told from a lag.",
+        sentence="One tone per axis: a gain cannot be separated from a lag.",
         manoeuvre=manoeuvres.tones,
         verdicts=_all(_ANY),
     ),

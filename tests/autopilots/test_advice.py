@@ -59,7 +59,7 @@ def test_betaflight_that_cannot_leave_fields_out_is_not_asked_to_log_them() -> N
 
 def test_three_axes_are_listed_with_commas() -> None:
     """It said "roll and pitch and yaw"."""
-    assert "for roll, pitch and yaw, each" in BETAFLIGHT.excitation(AXES, (2025, 12))
+    assert "roll, pitch and yaw have had" in BETAFLIGHT.excitation(AXES, (2025, 12))
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,7 @@ def test_a_registered_format_is_asked_and_named(flown: Path) -> None:
 def test_without_it_the_file_is_unknown(flown: Path) -> None:
     """What was registered for one test is gone."""
     assert autopilots.named("toy").name == "other"
-    with pytest.raises(Exception, match="no flight log that we know"):
+    with pytest.raises(Exception, match="not a recognised flight log"):
         read_log(flown)
 
 

@@ -363,3 +363,33 @@ def test_a_page_without_any_comparison_says_so(flight: Result) -> None:
     refused = refused_result()
     page = comparison_page(refused, flight, compare(refused, flight))
     assert "hese logs do not allow a comparison" in page
+
+
+def _with_parameters(result: Result, parameters: dict[str, float]) -> Result:
+    return replace(result, log=replace(result.log, autopilot="ardupilot", parameters=parameters))
+
+
+def test_parameters_that_differ_are_told_with_both_values(flight: Result) -> None:
+    before = _with_parameters(flight, {"ATC_RAT_RLL_P": 0.135, "ATC_RAT_PIT_P": 0.1, "ONLY_BEFORE": 1.0})
+    after = _with_parameters(flight, {"ATC_RAT_RLL_P": 0.09, "ATC_RAT_PIT_P": 0.1})
+    text = json.loads(comparison_text(before, after, compare(before, after)))
+    assert text["parameters"] == [{"name": "ATC_RAT_RLL_P", "before": 0.135, "after": 0.09}]
+
+
+def test_parameters_that_differ_stand_in_the_terminal_and_on_the_page(flight: Result) -> None:
+    before, after = (_with_parameters(flight, {"ATC_RAT_RLL_P": gain}) for gain in (0.135, 0.09))
+    comparison = compare(before, after)
+    assert any("ATC_RAT_RLL_P 0.135 -> 0.09" in line for line in comparison_lines(before, after, comparison))
+    assert "ATC_RAT_RLL_P" in comparison_page(before, after, comparison)
+
+
+@pytest.mark.parametrize("name", ["STAT_FLTTIME", "INS_GYR2OFFS_X", "BARO1_GND_PRESS", "RC3_TRIM"])
+def test_what_the_autopilot_counts_or_calibrates_is_no_setting(flight: Result, name: str) -> None:
+    before, after = (_with_parameters(flight, {name: value}) for value in (1.0, 2.0))
+    assert not compare(before, after).parameters
+
+
+def test_parameters_of_two_autopilots_are_not_compared(flight: Result) -> None:
+    before, after = (_with_parameters(flight, {"P": value}) for value in (1.0, 2.0))
+    after = replace(after, log=replace(after.log, autopilot="px4"))
+    assert not compare(before, after).parameters

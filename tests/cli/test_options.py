@@ -41,7 +41,7 @@ PAGES = {"--open"}
         ("info", {"--start-s", "--end-s", "--system", "--vehicle"} | ONE_LOG),
         ("swing", {"--start-s", "--end-s", "--system", "--vehicle"} | ONE_LOG),
         ("fleet", {"--band", "--vehicle", "--quiet"}),
-        ("plan", {"--vehicle", "--quiet"} | PAGES),
+        ("plan", ON_LOGS | ONE_LOG | PAGES),
     ],
 )
 def test_a_verb_takes_the_options_of_all(verb: str, wanted: set[str]) -> None:

@@ -209,7 +209,7 @@ def test_every_sweep_is_loaded_twice_and_read_back_before_it_is_flown() -> None:
 def test_parameters_are_loaded_on_the_ground_before_the_first_sweep() -> None:
     """A pilot who flies has no hand for a ground station."""
     steps = make_plan("ardupilot", ["roll"]).steps_by_hand()
-    (on_ground,) = (place for place, step in enumerate(steps) if "on the ground and disarmed" in step)
+    (on_ground,) = (place for place, step in enumerate(steps) if "on the ground, disarmed" in step)
     assert "second person" in steps[on_ground]
     assert on_ground < next(place for place, step in enumerate(steps) if step.startswith("Roll, load"))
 

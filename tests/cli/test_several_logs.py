@@ -90,11 +90,12 @@ def test_a_page_that_gets_several_logs_takes_the_longest_and_says_so(file: Path,
         kind=Kind.ANALYZE,
         logs=(str(file),),
         names=("two.bbl",),
+        numbers=(0,),
         sha256=("0" * 64,),
         n_bytes=file.stat().st_size,
         options={"modified_s": 0.0},
         folder=str(folder),
     )
     done = do(job, lambda _stage, _summary: None)
-    assert done.summary["flown"].endswith("log 2 of the file, its longest")
+    assert done.summary["flown"].endswith("log 2, the longest of 2 in the file")
     assert "this is log 2" in (folder / "report.html").read_text()

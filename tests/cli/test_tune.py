@@ -168,7 +168,14 @@ def test_the_page_of_the_server_comes_with_the_confirming_flight(
     weak = changed(flown("ardupilot"))
     monkeypatch.setattr("quadid_logs.serve.jobs._result_of", lambda *_a: (None, weak))
     job = Job(
-        kind=Kind.TUNE, logs=("x",), names=("x",), sha256=("0",), n_bytes=1, options={}, folder=str(tmp_path)
+        kind=Kind.TUNE,
+        logs=("x",),
+        names=("x",),
+        numbers=(0,),
+        sha256=("0",),
+        n_bytes=1,
+        options={},
+        folder=str(tmp_path),
     )
     do(job, lambda _stage, _summary: None)
     assert "plan.md" in (tmp_path / "report.html").read_text()

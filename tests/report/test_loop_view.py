@@ -120,7 +120,7 @@ def test_without_a_model_or_a_controller_the_chapter_says_why(usable: Result) ->
     assert "controller that flew is not known" in loop_view(replace(usable, closed_loop=None)).intro
     assert usable.closed_loop is not None
     empty = replace(usable, closed_loop=replace(usable.closed_loop, axes={}))
-    assert "do not tell the controller" in loop_view(empty).intro
+    assert "do not describe the controller" in loop_view(empty).intro
 
 
 def test_the_contract_has_every_figure_of_a_margin(usable: Result) -> None:

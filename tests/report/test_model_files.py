@@ -73,7 +73,7 @@ def test_a_time_that_cannot_be_told_from_zero_makes_no_pole(calibrated: Result, 
     model = replace(first, actuator=replace(first.actuator, **nothing))
     result = replace(calibrated, identification=replace(calibrated.identification, models=(model, *others)))
     assert np.abs(run_script(result)["vehicle"].poles()).max() < 1e4
-    assert f"left out, cannot be told from zero: {name}\n" in model_bytes(result, ".py").decode()
+    assert f"left out, indistinguishable from zero: {name}\n" in model_bytes(result, ".py").decode()
 
 
 def run_script(result: Result) -> dict[str, Any]:

@@ -52,7 +52,8 @@ class FakeWorker:
             file = LogFile(url=job.names[0], n_bytes=job.n_bytes)
             row = failure_row(file, job.sha256[0], Options().rules, status="unreadable", error="SECRETROW")
             return Done(
-                summary={"headline": "fine"}, outcome=Outcome(file=file, sha256=job.sha256[0], rows=(row,))
+                summary={"headline": "fine", "log": job.numbers[0], "lengths_s": {"1": 8.0, "2": 9.0}},
+                outcome=Outcome(file=file, sha256=job.sha256[0], rows=(row,)),
             )
         finally:
             FakeWorker.running.remove(job.names[0])
@@ -133,6 +134,36 @@ def test_a_log_that_is_dropped_twice_is_done_once(tmp_path: Path) -> None:
         first = add(schedule, 1, "first.bin")
         assert add(schedule, 1, "second.bin").name == first.name
         assert len(schedule.entries()) == 1
+
+
+def test_another_log_of_the_file_takes_the_place_of_the_first(tmp_path: Path) -> None:
+    FakeWorker.gate.set()
+    with working(tmp_path / "s") as schedule:
+        add(schedule, 1)
+        wait(schedule, {1: State.DONE})
+        assert schedule.choose(sha(1), 2)
+        wait(schedule, {1: State.DONE})
+        (entry,) = schedule.entries()
+        assert entry.summary["log"] == 2
+
+
+def test_gains_of_another_log_of_the_file_are_not_kept(tmp_path: Path) -> None:
+    FakeWorker.gate.set()
+    with working(tmp_path / "s") as schedule:
+        add(schedule, 1)
+        wait(schedule, {1: State.DONE})
+        asked = schedule.submit(question(Kind.TUNE, "next gains", (sha(1),)))
+        schedule.choose(sha(1), 2)
+        assert schedule.get(asked.id) is None
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_a_log_that_the_file_does_not_hold_cannot_be_chosen(tmp_path: Path, number: int) -> None:
+    FakeWorker.gate.set()
+    with working(tmp_path / "s") as schedule:
+        add(schedule, 1)
+        wait(schedule, {1: State.DONE})
+        assert not schedule.choose(sha(1), number)
 
 
 def test_what_cannot_be_done_says_why_and_stops_nothing(tmp_path: Path) -> None:

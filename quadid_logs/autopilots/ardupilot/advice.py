@@ -76,7 +76,14 @@ class ArduPilotAdvice(Advice):
         "LOG_BACKEND_TYPE = 3 (card and MAVLink; live.param; restart the vehicle; live-back.param is the way "
         "back), and a link of about 130 kB/s, as USB or Wi-Fi"
     )
+    # The calibrations of sensors and sticks, what is learned in flight, and the counters.
+    not_set_by_hand = (
+        *("STAT_*", "AHRS_TRIM_?", "MOT_THST_HOVER", "BARO*_GND_PRESS", "RC*_MIN", "RC*_MAX", "RC*_TRIM"),
+        *("COMPASS_OFS*", "COMPASS_DIA*", "COMPASS_ODI*", "COMPASS_MOT*_?", "COMPASS_DEC"),
+        *("INS_ACC*OFFS_?", "INS_ACC*SCAL_?", "INS_GYR*OFFS_?", "INS_*_CALTEMP"),
+    )
     excitation_entry = "mixer"
+    excitation_by = f"{SCRIPT} or System ID mode"
     gyro_filter_parameter = "INS_GYRO_FILTER"
     hover_mode = "Stabilize"
     parameter_suffix = ".param"
@@ -171,6 +178,10 @@ class ArduPilotAdvice(Advice):
         """Return SID_AXIS 0 alone: without an axis the mode does not start, and the others are hidden."""
         return (("SID_AXIS", 0.0),)
 
+    def logging_needs_update(self, version: Version | None) -> bool:
+        """No bit makes old firmware log RATE fast enough."""
+        return bool(_logging_limit(version))
+
     def controller_note(self, version: Version | None) -> str:
         """Return that filters and gains had other parameters before FLTT, FLTE and FLTD."""
         if version is None or version >= _CONTROLLER_SINCE:
@@ -236,11 +247,11 @@ class ArduPilotAdvice(Advice):
         if not sweeps:
             return ()
         return (
-            "Put System ID (mode 25) on a switch beside AltHold or Stabilize.",
+            "Put System ID (mode 25) on a switch together with AltHold or Stabilize.",
             "SID_MAGNITUDE is a fraction of full motor authority here, and its default of 15 would flip the "
             "vehicle: never switch to System ID before you have read it back.",
-            "Load parameter files on the ground and disarmed. While the vehicle hovers only a second person "
-            "may, at the ground station.",
+            "Load parameter files on the ground, disarmed. During the hover only a second person at the "
+            "ground station may load one.",
             *(step for axis in axes for step in _axis_steps(axis, sweeps[axis])),
             "After the last landing load sweep-off.param, which sets SID_AXIS back to 0.",
         )
@@ -254,12 +265,12 @@ def _axis_steps(axis: str, sweep: Mapping[str, float]) -> tuple[str, ...]:
     """
     name = axis.capitalize()
     return (
-        f"{name}, load: sweep-{axis}.param; refresh the parameters; load the file A SECOND TIME. The first "
-        "time sets SID_AXIS only, which makes the others known.",
+        f"{name}, load: sweep-{axis}.param; refresh the parameters; load the file A SECOND TIME. The "
+        "other SID_ parameters only appear after SID_AXIS is set.",
         f"{name}, check: READ BACK that SID_AXIS is {_SID_AXIS[axis]} and SID_MAGNITUDE is "
         f"{sweep['magnitude']:g}. If either is not, do not fly the sweep.",
         f"{name}, fly: hover in Stabilize, switch to System ID (it flies like Stabilize; leaving it stops "
-        f"the sweep), hold the place with small stick moves for {sweep['record_s']:g} s, switch back when it "
+        f"the sweep), hold position with small stick inputs for {sweep['record_s']:g} s, switch back when it "
         "says finished, and land.",
     )
 

@@ -97,7 +97,7 @@ def _old_class(log: FlightLog, frame_type: int) -> tuple[int | None, str]:
         return None, "six motors may be a hexa or a Y6"
     if motors == 4 or "four" in words:
         return 1, "and four outputs move"
-    return None, "nothing tells the number of motors"
+    return None, "the number of motors is unknown"
 
 
 def _moving_channels(log: FlightLog) -> int:

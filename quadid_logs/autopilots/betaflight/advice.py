@@ -11,7 +11,6 @@ from quadid_logs.autopilots.betaflight.chirp import SWEEP_SETTINGS
 from quadid_logs.autopilots.betaflight.law import OLDEST_LAW, loop_period_us
 from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
 from quadid_logs.data.log import whole_number
-from quadid_logs.sentences import listed
 
 #: The chirp flight mode is in builds since then, where it was chosen (USE_CHIRP).
 _CHIRP_SINCE: Final[Version] = (2025, 12)
@@ -54,7 +53,7 @@ _RANGES: Final = {
     for place, end in enumerate(("min", "max"))
 }
 _PROFILE: Final = (
-    "First choose the PID profile that flew, which no log tells: profile 0 is the first one.",
+    "First choose the PID profile that flew, which no log holds: profile 0 is the first one.",
     "Paste on the command line, disarmed.",
 )
 
@@ -79,7 +78,10 @@ class BetaflightAdvice(Advice):
         }
     )
     excitation_parameters = SWEEP_SETTINGS
+    # A gain of "rollPID" has a name of its own beside it; the voltage is that of the battery.
+    not_set_by_hand = ("*[[]*", "vbatref")
     excitation_entry = "rate"
+    excitation_by = "the CHIRP mode"
     #: chirp_lag_freq_hz and chirp_lead_freq_hz by default.
     excitation_lead_lag_hz = (3.0, 30.0)
     gyro_filter_parameter = "gyro_lpf1_static_hz"
@@ -132,9 +134,10 @@ class BetaflightAdvice(Advice):
         if version is not None and version < _CHIRP_SINCE:
             return super().excitation(axes, version)
         return (
-            "Set debug_mode = CHIRP. In calm air, hover and switch on the CHIRP mode for "
-            f"{listed(axes)}, each for chirp_time_seconds: each time it is switched on it moves the next "
-            f"axis. If the build has no CHIRP mode, {self._doublets(axes)}"
+            "Set debug_mode = CHIRP. In calm air, hover, switch the CHIRP mode on for chirp_time_seconds, "
+            "and off again; do this three times. Each time the firmware moves another axis, until roll, "
+            "pitch and yaw have had their turn. "
+            f"If the build has no CHIRP mode, {self._doublets(axes)}"
         )
 
     def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
@@ -142,11 +145,10 @@ class BetaflightAdvice(Advice):
         *flown, land = super().steps(axes, sweeps)
         since = ".".join(map(str, _CHIRP_SINCE))
         chirp = (
-            f"A build with CHIRP ({since} or later) can do it by itself: paste {CHIRP} on the command "
-            f"line, and in "
-            "place of the doublets switch on that mode six times, each for chirp_time_seconds. Each time "
-            "it moves "
-            f"the next axis, so that every axis is moved twice in one log. Afterwards paste {CHIRP_OFF}."
+            f"A build with CHIRP ({since} or later) can do the doublets' work: paste {CHIRP} on the command "
+            "line, and switch the CHIRP mode on six times for chirp_time_seconds, with a pause between. The "
+            "firmware moves roll, pitch and yaw in turn, so that each is moved twice in one log. Afterwards "
+            f"paste {CHIRP_OFF}."
         )
         return (*flown, chirp, land)
 

@@ -52,7 +52,7 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
     if n_motors in FEW_MOTORS:
         return _as_they_are(f"The log has the motors of {FEW_MOTORS[n_motors]}.")
     if slopes is None:
-        return Unknown(remark="The log holds too few PID sums and motor outputs to tell the frame from.")
+        return Unknown(remark="The log holds too few PID sums and motor outputs to identify the frame.")
     if log.parameters.get("use_integrated_yaw", 0.0) > 0.0:
         return _as_they_are(
             "The mixer's yaw is the integral of the logged yaw sum (use_integrated_yaw): what this log tells "
@@ -104,7 +104,7 @@ def _airframe(found: _Match) -> Airframe:
         factors=np.column_stack([mix, np.ones(len(mix))]),
         position=found.frame.position,
         spin=np.sign(mix[:, 2]),
-        remarks=("The arms are those of a symmetric frame: no header tells them.",),
+        remarks=("The arms are those of a symmetric frame: no header holds them.",),
     )
 
 

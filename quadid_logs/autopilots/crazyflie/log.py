@@ -84,7 +84,7 @@ def _remarks(content: UsdContent, system: int) -> tuple[str, ...]:
     if flown:
         remarks.append(f"By the variables that move, the {' and the '.join(flown)} controller flew.")
     else:
-        remarks.append("No variable of a controller was logged that tells which one flew.")
+        remarks.append("No variable of a controller was logged that shows which one flew.")
     if system:
         remarks.append("A micro-SD log holds one vehicle: the chosen system was not needed.")
     return tuple(remarks)

@@ -60,6 +60,8 @@ class Advice:
         What to set, and which link it takes, to receive the log in flight; "" where that cannot be.
     excitation_entry : str
         Where the autopilot can be excited: "mixer", "rate" (a rate set-point), or "" for nowhere.
+    excitation_by : str
+        What excites it there, in words.
     excitation_most_hz : float
         Fastest excitation that reaches it.
     excitation_lead_lag_hz : (float, float) or None
@@ -72,6 +74,8 @@ class Advice:
         How a file of gains is loaded, with {} for its name.
     room : str
         Where to fly a plan.
+    not_set_by_hand : tuple of str
+        Names, as patterns of the shell, of parameters that the autopilot measures, counts or repeats.
     """
 
     remedies: ClassVar[Mapping[str, str]] = _NOTHING
@@ -82,6 +86,7 @@ class Advice:
     logging_note: ClassVar[str] = ""
     live_note: ClassVar[str] = ""
     excitation_entry: ClassVar[str] = ""
+    excitation_by: ClassVar[str] = ""
     excitation_most_hz: ClassVar[float] = float("inf")
     excitation_lead_lag_hz: ClassVar[tuple[float, float] | None] = None
     unknown_mask_note: ClassVar[str] = ""
@@ -93,6 +98,8 @@ class Advice:
     room: ClassVar[str] = (
         "Choose calm air, a full battery, 10 m of room to all sides, and a height of 10 m or more."
     )
+
+    not_set_by_hand: ClassVar[tuple[str, ...]] = ()
 
     def logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to set so that rates and torque are logged at the loop rate.
@@ -262,6 +269,19 @@ class Advice:
         dict of str to str
         """
         return {}
+
+    def logging_needs_update(self, version: Version | None) -> bool:  # noqa: ARG002
+        """Return whether `logging` says to update the firmware.
+
+        Parameters
+        ----------
+        version : tuple of int, or None
+
+        Returns
+        -------
+        bool
+        """
+        return False
 
     def controller_note(self, version: Version | None) -> str:  # noqa: ARG002
         """Say which firmware has a controller that is modelled, where this version is too old; else ""."""

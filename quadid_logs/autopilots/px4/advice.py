@@ -61,7 +61,9 @@ class Px4Advice(Advice):
         "some 50 kB/s are enough with logger_topics.txt in etc/logging on the card, which replaces the "
         "profile until you remove it"
     )
+    not_set_by_hand = ("CAL_*", "LND_FLIGHT_T_*", "COM_FLIGHT_UUID")
     excitation_entry = "rate"
+    excitation_by = "excite.py"
     excitation_most_hz = MOST_HZ
     gyro_filter_parameter = "IMU_GYRO_CUTOFF"
     hover_mode = "Stabilized or Altitude mode"

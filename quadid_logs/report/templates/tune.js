@@ -4,8 +4,18 @@
   const form = document.getElementById("what-if-form");
   const choices = document.getElementById("what-if-choices");
   const words = document.getElementById("what-if-words");
-  const line = (response) => response.map((value, place) =>
-    `${(34 + 278 * place / (response.length - 1)).toFixed(1)},${(150 - 0.9 * value).toFixed(1)}`).join(" ");
+  // A cubic through the samples (Catmull-Rom), so that an oscillation has no corners.
+  const FINER = 6;
+  const between = (y, place) => {
+    const at = Math.min(Math.floor(place), y.length - 2), t = place - at;
+    const [a, b, c, d] = [y[Math.max(at - 1, 0)], y[at], y[at + 1], y[Math.min(at + 2, y.length - 1)]];
+    return b + 0.5 * t * (c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a)));
+  };
+  const line = (response) => {
+    const n = FINER * (response.length - 1);
+    return Array.from({ length: n + 1 }, (_, at) =>
+      `${(34 + 278 * at / n).toFixed(1)},${(150 - 0.9 * between(response, at / FINER)).toFixed(1)}`).join(" ");
+  };
   const draw = (id, loop) => document.getElementById(id).setAttribute("points", loop ? line(loop[2]) : "");
   // The place of a combination: the last parameter counts fastest.
   const placeOf = (grid, picks) => picks.reduce((sum, pick, at) => sum * grid.values[at].length + pick, 0);

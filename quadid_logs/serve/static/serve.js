@@ -148,7 +148,8 @@
 
   // --- the queue
 
-  const isOpen = (entry) => entry.state !== "done";
+  const isOpen = (entry) => entry.state === "queued" || entry.state === "running";
+  const gaveNothing = (entry) => entry.state === "failed" || entry.state === "cancelled";
   const draw = () => { drawQueue(); drawFlights(); drawAnswers(); };
 
   const drawQueue = () => {
@@ -158,6 +159,9 @@
       ...open.map((entry) => [entry.id, `${entry.state} ${entry.error} ${Boolean(entry.summary.headline)}`, () => entryLine(entry)]),
     ]);
     byId("queue").hidden = !open.length && !uploads.length;
+    const failed = [...entries.values()].filter(gaveNothing);
+    keep(byId("failed-list"), failed.map((entry) => [entry.id, `${entry.state} ${entry.error}`, () => entryLine(entry)]));
+    byId("failed").hidden = !failed.length;
   };
 
   // Lines stay the same elements as long as nothing but progress changes: the focus stays where it is.
@@ -250,7 +254,7 @@
     const names = [...vehicles.keys()].sort();
     keep(byId("vehicles"), names.map((name) => {
       const flights = vehicles.get(name).sort((a, b) => flown(b).localeCompare(flown(a)));
-      return [name, flights.map((entry) => `${entry.id} ${entry.name}`).join(), () => vehicleTable(name, flights)];
+      return [name, flights.map((entry) => `${entry.id} ${entry.name} ${entry.summary.log} ${gainsOf(entry)?.state}`).join(), () => vehicleTable(name, flights)];
     }));
     markable();
   };
@@ -277,14 +281,33 @@
         type: "checkbox", "aria-label": `Compare ${entry.name}`, checked: marked.has(entry.id), "data-mark": entry.id, onchange: mark,
       })),
       make("th", { scope: "row" }, make("a", { href: `/reports/${entry.id}` }, entry.name),
-        make("small", {}, `${date(entry)}; ${entry.summary.flown}; ${size(entry.n_bytes)}`)),
+        make("small", {}, `${date(entry)}; ${entry.summary.flown}; ${size(entry.n_bytes)}`), chooser(entry)),
       ...axes.map((axis) => {
         const found = (entry.summary.axes || {})[axis] || { verdict: "refused", effect: "" };
         return make("td", { class: found.verdict, "data-head": axis },
           make("span", { class: "badge" }, found.verdict), found.effect ? make("small", {}, found.effect) : null);
       }),
       make("td", {}, make("div", { class: "actions" },
-        button("Next gains", `Next gains after ${entry.name}`, () => pose("/tune", { log: entry.id })), deleter(entry))));
+        gains(entry), deleter(entry))));
+
+  // A file may hold several logs; another choice is analyzed in place of the first.
+  const chooser = (entry) => {
+    const lengths = Object.entries(entry.summary.lengths_s || {});
+    if (lengths.length < 2) return null;
+    const choose = (event) => ask("POST", `/entries/${entry.id}/log`, { number: Number(event.target.value) });
+    return make("select", { "aria-label": `Log of ${entry.name}`, onchange: choose },
+      ...lengths.map(([number, length]) => make("option", { value: number, selected: Number(number) === entry.summary.log },
+        `log ${number}, ${length < 10 ? length.toFixed(1) : Math.round(length)} s`)));
+  };
+
+  // The gains stand in the row of their log: a button, then a link to the answer.
+  const gainsOf = (entry) => [...entries.values()].find((each) => each.kind === "tune" && each.logs[0] === entry.id);
+  const gains = (entry) => {
+    const answer = gainsOf(entry);
+    if (answer?.state === "done") return make("a", { href: `/reports/${answer.id}`, "aria-label": answer.name }, "Next gains");
+    if (answer?.state === "queued" || answer?.state === "running") return make("span", { class: "quiet" }, "computing gains");
+    return button("Next gains", `Next gains after ${entry.name}`, () => pose("/tune", { log: entry.id }));
+  };
 
   const mark = (event) => {
     const { mark: id } = event.target.dataset;
