@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import SettingsError
+from quadid_logs.vocabulary import AXES
 
 if TYPE_CHECKING:
     from quadid_logs.actuation.airframe import Airframe, Unknown
@@ -139,10 +140,12 @@ class Autopilot:
         parameters: Mapping[str, float],  # noqa: ARG002
         *,
         period_s: float | None = None,  # noqa: ARG002
+        axes: Sequence[str] = AXES,  # noqa: ARG002
     ) -> FlownControllers | None:
         """Return the rate and angle controllers that these parameters make; None where they are not known.
 
-        ``period_s`` is that of the rate loop where it is known better than by the log's rows.
+        ``period_s`` is that of the rate loop where it is known better than by the log's rows; ``axes`` are
+        those wanted: a search changes the parameters of one hundreds of times.
         """
         return None
 
