@@ -292,3 +292,26 @@ def formats() -> tuple[LogFormat, ...]:
     """
     found = [one for autopilot in known() for one in autopilot.formats()]
     return tuple(sorted(found, key=lambda one: not one.strict))
+
+
+def format_of(head: bytes) -> LogFormat | None:
+    """Return the format of a file: the first of `formats` that takes it for its own.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+
+    Returns
+    -------
+    LogFormat or None
+        The readers of autopilots that come later are not even imported, which takes as long as a short log.
+    """
+    by_text: list[LogFormat] = []
+    for autopilot in known():
+        for one in autopilot.formats():
+            if not one.strict:
+                by_text.append(one)
+            elif one.is_mine(head):
+                return one
+    return next((one for one in by_text if one.is_mine(head)), None)
