@@ -49,7 +49,9 @@ def slung() -> Flight:
 def analyzed(log: FlightLog) -> Result:
     prepared = prepare(log)
     settings = Settings()
-    return judge(prepared.log, cut(prepared, settings.align), settings, vehicle=None, published=False, timings_s={})
+    return judge(
+        prepared.log, cut(prepared, settings.align), settings, vehicle=None, published=False, timings_s={}
+    )
 
 
 @functools.cache

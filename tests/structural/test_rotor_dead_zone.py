@@ -129,7 +129,9 @@ def test_two_effects_that_come_together_move_the_effectiveness_further_than_eith
     record = fly(setup)
     truth = flight_truth((record,), scenario="both", boot_s=0.0)
     prepared = prepare(log_flights((record,), scenario.logging))
-    result = judge(prepared.log, cut(prepared, Settings().align), Settings(), vehicle=None, published=False, timings_s={})
+    result = judge(
+        prepared.log, cut(prepared, Settings().align), Settings(), vehicle=None, published=False, timings_s={}
+    )
     model = result.identification.recommended
     assert model is not None
     gains = np.diag(np.array(truth["models"]["damped"]["B"]))
