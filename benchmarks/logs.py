@@ -60,6 +60,15 @@ def generated_log(suffix: str, size_mb: float) -> Path:
     return path
 
 
+def simulated_flight(scenario: str) -> Path:
+    """Return the log of a simulated flight, flown once and kept in `CACHE`."""
+    path = CACHE / f"{scenario}.bin"
+    if not path.exists():
+        CACHE.mkdir(exist_ok=True)
+        write_log(simulate(scenario, seed=1).log, path)
+    return path
+
+
 def many_flights(suffix: str, size_mb: float) -> Path:
     """Return a log of about that size, of short flights; written once and kept in `CACHE`."""
     path = CACHE / f"flights-{size_mb:g}MB{suffix}"

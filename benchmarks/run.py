@@ -30,7 +30,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import actions  # noqa: E402
 from benchmarks.against import MACHINE, told  # noqa: E402
-from benchmarks.logs import corpus_logs, generated_log, many_flights  # noqa: E402
+from benchmarks.logs import CACHE, corpus_logs, generated_log, many_flights, simulated_flight  # noqa: E402
 
 WARM_UP_MB = 0.2
 #: Per suffix: what is read, our action, the other readers'.
@@ -60,6 +60,12 @@ sum(i * i for i in range(2_000_000))
 square = numpy.ones((600, 600))
 for _ in range(20):
     square @ square
+"""
+_FLEET = """
+import pathlib, sys
+from quadid_logs.data.settings import Settings
+from quadid_logs.fleet.per_flight import analyze_flights
+tuple(analyze_flights(pathlib.Path(sys.argv[1]), Settings(), None, "verdict", published=False))
 """
 #: Readers that are measured only where they can be imported.
 OPTIONAL = ("mavparser", "fasttlogparser", "signalviewer", "orangebox")
@@ -142,7 +148,7 @@ def _report(options: argparse.Namespace) -> Iterator[str]:
     size_mb = 4.0 if options.short else 40.0
     kinds = {path.suffix.lower() for path in logs}
     logs += [generated_log(suffix, size_mb) for suffix in READERS if suffix not in kinds]
-    yield from _beginnings(3 if options.short else repeats)
+    yield from _beginnings(2 if options.short else repeats)
     yield from _readers(logs, repeats, options.others_python)
     if not options.short:
         yield from _sizes(options.sizes_mb, repeats)
@@ -158,13 +164,27 @@ def _beginnings(repeats: int) -> Iterator[str]:
     yield "|---|---|"
     root = Path(__file__).resolve().parents[1]
     cli = "import sys; from quadid_logs.cli import run; sys.exit(run())"
-    sample = ("analyze", str(root / "sample_logs" / "sysid-quad-x.bin"), "--json", "--no-report")
+    samples, flight, output = root / "sample_logs", str(simulated_flight("doublets")), str(CACHE / "output")
+    alone = ("--json", "--no-report")
     commands = {
         MACHINE: (_MACHINE,),
         "`import quadid_logs.pipeline`": ("import quadid_logs.pipeline",),
         "`quadid-log --help`": (cli, "--help"),
-        "`analyze --json --no-report` of the sample log": (cli, *sample),
-    }
+        "`analyze --json --no-report` of the sample log": (
+            cli, "analyze", str(samples / "sysid-quad-x.bin"), *alone,
+        ),
+        "the same with report": (
+            cli, "analyze", str(samples / "sysid-quad-x.bin"), "-o", output, "--force",
+        ),
+        "`analyze --json --no-report` of the sample that logs 10 Hz": (
+            cli, "analyze", str(samples / "default-logging.bin"), *alone,
+        ),
+        "`analyze --json --no-report` of the Blackbox sample": (
+            cli, "analyze", str(samples / "betaflight-doublets.bbl"), *alone,
+        ),
+        "`tune` of doublets at 400 Hz": (cli, "tune", flight, "-o", output, "--force"),
+        "a fleet's rows of doublets at 400 Hz": (_FLEET, flight),
+    }  # fmt: skip
     least = dict.fromkeys(commands, math.inf)
     for _ in range(repeats):
         for what, command in commands.items():

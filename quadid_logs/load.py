@@ -11,7 +11,7 @@ import numpy as np
 
 from quadid_logs.actuation import Torques, reconstruct
 from quadid_logs.align import Prepared, assemble, clean, cut
-from quadid_logs.autopilots import LogFormat, formats, named
+from quadid_logs.autopilots import LogFormat, format_of, formats, named
 from quadid_logs.containers.foreign import explain_foreign
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.settings import Settings
@@ -136,9 +136,9 @@ def read_log(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog
             f"{path} is empty (0 bytes).",
             hint="Download the log again; logs are only complete after disarming.",
         )
-    for log_format in formats():
-        if log_format.is_mine(head):
-            return _read_with(log_format, path, system, number)
+    log_format = format_of(head)
+    if log_format is not None:
+        return _read_with(log_format, path, system, number)
     raise UnknownFormatError(f"{path} is not a recognised flight log.", hint=explain_foreign(head, _known()))
 
 

@@ -42,6 +42,7 @@ def analyze(
     *,
     vehicle: Vehicle | None = None,
     structure: Structure | None = None,
+    published: bool = True,
     progress: Progress | None = None,
 ) -> Result:
     """Run every stage on one log: what `quadid_logs.analyze` wraps, and says in full.
@@ -54,6 +55,8 @@ def analyze(
         As of `quadid_logs.analyze`.
     structure : Structure, optional
         Fitted beside those of the package, and recommended.
+    published : bool
+        As of `judge`.
     progress
         As of `quadid_logs.analyze`.
 
@@ -67,7 +70,7 @@ def analyze(
     LogError, SettingsError
         As `quadid_logs.analyze`.
     """
-    return _analyze([path], settings or Settings(), vehicle, structure, progress)
+    return _analyze([path], settings or Settings(), vehicle, structure, progress, published=published)
 
 
 def analyze_pooled(
@@ -105,6 +108,8 @@ def _analyze(
     vehicle: Vehicle | None,
     structure: Structure | None,
     progress: Progress | None,
+    *,
+    published: bool = True,
 ) -> Result:
     """Run the stages in order; several logs are put one after the other once they are aligned."""
     tell = progress or (lambda _stage: None)
@@ -140,6 +145,7 @@ def _analyze(
         settings,
         vehicle=vehicle,
         structure=structure,
+        published=published,
         pooled=pooled,
         health=health,
         timings_s=clock.timings_s,
@@ -160,6 +166,7 @@ def judge(
     *,
     vehicle: Vehicle | None,
     structure: Structure | None = None,
+    published: bool = True,
     pooled: tuple[PooledLog, ...] = (),
     health: Health | None = None,
     timings_s: Mapping[str, float],
@@ -173,6 +180,9 @@ def judge(
         As of `Result`.
     structure : Structure, optional
         As of `analyze`.
+    published : bool
+        Whether the structures of the paper are fitted, too, which no verdict rests on: only a page or a
+        file that shows every model needs them.
     pooled : tuple of PooledLog
         As of `Result`.
     health : Health, optional
@@ -187,7 +197,10 @@ def judge(
     Result
     """
     began = time.perf_counter()
-    structures = STRUCTURES if structure is None else (*STRUCTURES, structure)
+    wanted = (
+        one for one in STRUCTURES if published or one.actuated or one.name == settings.identify.structure
+    )
+    structures = (*wanted, *(() if structure is None else (structure,)))
     identification = identify(
         data, settings.identify, structures, recommended=structure.name if structure else ""
     )

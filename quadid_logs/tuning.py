@@ -409,5 +409,7 @@ def _rebuilt(
     log = result.log
     flown = None if result.closed_loop is None else result.closed_loop.controllers.axes.get(axis)
     period_s = None if flown is None else flown.period_s
-    controllers = named(log.autopilot).controllers(log, {**parameters, **changes}, period_s=period_s)
+    controllers = named(log.autopilot).controllers(
+        log, {**parameters, **changes}, period_s=period_s, axes=(axis,)
+    )
     return None if controllers is None else controllers.axes.get(axis)

@@ -43,7 +43,9 @@ def _analyzed(autopilot: str) -> Result:
     log = log_flights(recorded(autopilot), replace(SCENARIO.logging, rate_hz=RATE_HZ))
     prepared = prepare(log)
     settings = Settings()
-    return judge(prepared.log, cut(prepared, settings.align), settings, vehicle=None, timings_s={})
+    return judge(
+        prepared.log, cut(prepared, settings.align), settings, vehicle=None, published=False, timings_s={}
+    )
 
 
 def with_log(result: Result, log: FlightLog) -> Result:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
 
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import SettingsError
+from quadid_logs.vocabulary import AXES
 
 if TYPE_CHECKING:
     from quadid_logs.actuation.airframe import Airframe, Unknown
@@ -139,10 +140,12 @@ class Autopilot:
         parameters: Mapping[str, float],  # noqa: ARG002
         *,
         period_s: float | None = None,  # noqa: ARG002
+        axes: Sequence[str] = AXES,  # noqa: ARG002
     ) -> FlownControllers | None:
         """Return the rate and angle controllers that these parameters make; None where they are not known.
 
-        ``period_s`` is that of the rate loop where it is known better than by the log's rows.
+        ``period_s`` is that of the rate loop where it is known better than by the log's rows; ``axes`` are
+        those wanted: a search changes the parameters of one hundreds of times.
         """
         return None
 
@@ -289,3 +292,26 @@ def formats() -> tuple[LogFormat, ...]:
     """
     found = [one for autopilot in known() for one in autopilot.formats()]
     return tuple(sorted(found, key=lambda one: not one.strict))
+
+
+def format_of(head: bytes) -> LogFormat | None:
+    """Return the format of a file: the first of `formats` that takes it for its own.
+
+    Parameters
+    ----------
+    head : bytes
+        First bytes of the file.
+
+    Returns
+    -------
+    LogFormat or None
+        The readers of autopilots that come later are not even imported, which takes as long as a short log.
+    """
+    by_text: list[LogFormat] = []
+    for autopilot in known():
+        for one in autopilot.formats():
+            if not one.strict:
+                by_text.append(one)
+            elif one.is_mine(head):
+                return one
+    return next((one for one in by_text if one.is_mine(head)), None)

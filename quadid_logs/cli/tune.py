@@ -129,7 +129,7 @@ def tune(
     described = None if vehicle is None else read_vehicle(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
     with Progress(log.name, quiet=quiet) as progress:
-        result = analyze(log, settings, vehicle=described, progress=progress)
+        result = analyze(log, settings, vehicle=described, published=False, progress=progress)
         progress("tune")
         tuning = recommend(result, limits, apart=apart, filters=filters, ranges=ranges)
         forecasts = autotune_forecasts(result, tuning)

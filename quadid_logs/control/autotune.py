@@ -51,12 +51,12 @@ def forecast(
     if not places.size:
         return None
     common = {procedure.common: 1.0} if isinstance(procedure, PolePlacement) and procedure.common else {}
-    loops = []
+    flown, loops = scaled_loops(controller, few, np.inf), []
     for place in places:
         other = rebuild({name: float(each[place]) for name, each in gains.items()} | common)
         if other is None:
             return None
-        loops.append(scaled_loops(other, few.at(slice(place, place + 1)), np.inf))
+        loops.append(flown.at(slice(place, place + 1)).of(other))
     figures = figures_alone(loops)
     # The rate loop alone may be unstable where the whole one is not, and the other way round.
     stable = figures.rate.stable & figures.outer.stable

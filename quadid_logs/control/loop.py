@@ -55,13 +55,32 @@ def close(
     """
     if body is None:
         body = plant.response(frequency_hz, controller.period_s)
-    gyro, forward = gyro_filters(controller, frequency_hz), forward_filters(controller, frequency_hz)
-    rate = body * on_rate(controller, frequency_hz)
+    rate, to_torque, to_rate = rate_answers(controller, body, frequency_hz)
     full = None
     if controller.angle_gain_per_s is not None:
         full = rate + body * on_angle(controller, frequency_hz)
-    to_torque = forward / (1.0 + rate)
-    return Loop(frequency_hz, rate, full, to_torque, to_torque * body * gyro)
+    return Loop(frequency_hz, rate, full, to_torque, to_rate)
+
+
+def rate_answers(
+    controller: AxisController, body: ComplexArray, frequency_hz: FloatArray
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Return the open rate loop, and the closed one's answers to a set-point: see `Loop`.
+
+    Parameters
+    ----------
+    controller : AxisController
+    body : ndarray of complex, shape (n_plants, n_frequencies)
+        The response of vehicles behind a hold of the controller's period.
+    frequency_hz : ndarray, shape (n_frequencies,)
+
+    Returns
+    -------
+    rate, target_to_torque, target_to_rate : ndarray of complex, shape (n_plants, n_frequencies)
+    """
+    rate = body * on_rate(controller, frequency_hz)
+    to_torque = forward_filters(controller, frequency_hz) / (1.0 + rate)
+    return rate, to_torque, to_torque * body * gyro_filters(controller, frequency_hz)
 
 
 def rate_loop(controller: AxisController, plant: Plant, frequency_hz: FloatArray) -> ComplexArray:

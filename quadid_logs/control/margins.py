@@ -26,7 +26,7 @@ _CI = (0.025, 0.975)
 _MODES_HZ: Final = (5.0, 75.0)
 _FINE_STEP: Final = 0.003
 #: Points of loops that are looked at at once: arrays of half a megabyte, which stay in the processor's cache.
-_AT_ONCE: Final = 60_000
+POINTS_AT_ONCE: Final = 60_000
 
 
 def grid_hz(period_s: float) -> FloatArray:
@@ -252,7 +252,7 @@ class _Curve(NamedTuple):
 
 def _curve(loop: ComplexArray, first: int) -> _Curve:
     """Look at loops, or at their part from the frequency of that number on."""
-    at_once = max(_AT_ONCE // loop.shape[1], 1)
+    at_once = max(POINTS_AT_ONCE // loop.shape[1], 1)
     parts = [_some_curves(loop[row : row + at_once], row, first) for row in range(0, len(loop), at_once)]
     if len(parts) == 1:
         return parts[0]

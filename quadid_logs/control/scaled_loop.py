@@ -140,9 +140,22 @@ class ScaledLoops(NamedTuple):
         -------
         ScaledLoops
         """
-        angle, fixed = (None if part is None else part[:n_plants] for part in (self.angle, self.fixed))
-        plants, body = self.plants.at(slice(0, n_plants)), self.body[:n_plants]
-        return self._replace(plants=plants, body=body, rate=self.rate[:n_plants], angle=angle, fixed=fixed)
+        return self.at(slice(0, n_plants))
+
+    def at(self, numbers: slice) -> ScaledLoops:
+        """Return the loops around some of the vehicles.
+
+        Parameters
+        ----------
+        numbers : slice
+
+        Returns
+        -------
+        ScaledLoops
+        """
+        angle, fixed = (None if part is None else part[numbers] for part in (self.angle, self.fixed))
+        plants, body = self.plants.at(numbers), self.body[numbers]
+        return self._replace(plants=plants, body=body, rate=self.rate[numbers], angle=angle, fixed=fixed)
 
     def of(self, controller: AxisController) -> ScaledLoops:
         """Return the loops of another controller around the same vehicles.

@@ -14,7 +14,7 @@ from quadid_logs.control.attitude import Attitude, attitude_of
 from quadid_logs.control.gain_paths import GainPaths, gain_paths
 from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import integrators
-from quadid_logs.control.margins import figures_of, unmodelled
+from quadid_logs.control.margins import POINTS_AT_ONCE, figures_of, unmodelled
 from quadid_logs.control.scaled_loop import HeldLoops, Kept, ScaledLoops, spare_of
 from quadid_logs.control.torque_noise import Gusts, Spectrum, gusts_of, lowest_noise_hz, noise_band
 from quadid_logs.data.closed_loop import LoopMargins, Plant
@@ -467,13 +467,26 @@ class SeparateGains:
         back, by_angle, _ = np.moveaxis(answers, 1, 0)[:, :, np.newaxis]
         n = integrators(loops.controller)
         both = [(back, n)] if loops.angle is None else [(back, n), (back + by_angle, n + 1)]
-        told = []
-        for one, n_poles in both:
-            each = (body * one).reshape(-1, loops.frequency_hz.size)
-            runs_away = np.tile(damping > 0.0, len(answers))
-            figures = figures_of(loops.frequency_hz, each, n_poles, runs_away)
-            told.append(spare_of(figures, self._limits).reshape(len(answers), len(body), -1))
-        return np.asarray(np.concatenate(told, axis=2) / part[:, np.newaxis])
+        # So few sets at a time that their loops stay in the processor's cache.
+        at_once = max(POINTS_AT_ONCE // body.size, 1)
+
+        def told(one: ComplexArray, n_poles: int) -> FloatArray:
+            some = (body * one[first : first + at_once] for first in range(0, len(one), at_once))
+            kept = [
+                spare_of(
+                    figures_of(
+                        loops.frequency_hz,
+                        each.reshape(-1, loops.frequency_hz.size),
+                        n_poles,
+                        np.tile(damping > 0.0, len(each)),
+                    ),
+                    self._limits,
+                )
+                for each in some
+            ]
+            return np.concatenate(kept).reshape(len(answers), len(body), -1)
+
+        return np.asarray(np.concatenate([told(*one) for one in both], axis=2) / part[:, np.newaxis])
 
     def _marked(self, which: BoolArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
         """Return the answers of marked vehicles, of which part of the limits, and their damping.

@@ -8,10 +8,11 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.frequency_response import Response, above_zero
-from quadid_logs.control.loop import Loop, close, integrators
+from quadid_logs.control.loop import integrators, rate_answers
 from quadid_logs.control.margins import is_stable
 from quadid_logs.data.closed_loop import Estimated, Plant, Step
 from quadid_logs.data.controller import AxisController
+from quadid_logs.maths.band import ComplexArray
 
 #: A rate loop that is of use has settled by then [s].
 _LENGTH_S: Final = 4.0
@@ -62,27 +63,27 @@ class Steps:
         if controller.period_s != self._hold_s:
             self._hold_s = controller.period_s
             self._body = self._few.response(frequency_hz, self._hold_s)
-        loop = close(controller, self._few, frequency_hz, self._body)
-        return _step(controller, self._few, loop, period_s, n_samples, closed)
+        answers = rate_answers(controller, self._body, frequency_hz)
+        return _step(controller, self._few, answers, frequency_hz, n_samples, closed)
 
 
 def _step(
     controller: AxisController,
     few: Plant,
-    loop: Loop,
-    period_s: float,
+    answers: tuple[ComplexArray, ComplexArray, ComplexArray],
+    frequency_hz: FloatArray,
     n_samples: int,
     closed: Response | None,
 ) -> Step | None:
     """Return the step that a closed loop answers with; None where that of the estimate is unstable."""
-    frequency_hz = loop.frequency_hz
-    stable = is_stable(loop.rate, integrators(controller), few.damping > 0.0)
+    rate, _, target_to_rate = answers
+    stable = is_stable(rate, integrators(controller), few.damping > 0.0)
     if not stable[0]:
         return None
-    impulse = np.fft.irfft(loop.target_to_rate[stable], 2 * n_samples, axis=1)
+    impulse = np.fft.irfft(target_to_rate[stable], 2 * n_samples, axis=1)
     steps = np.cumsum(impulse, axis=1, dtype=np.float64)[:, :n_samples]
-    time_s = period_s * np.arange(n_samples, dtype=np.float64)
-    low, high = np.quantile(steps, _CI, axis=0)
+    time_s = max(controller.period_s, _FINEST_S) * np.arange(n_samples, dtype=np.float64)
+    low, high = np.quantile(steps, _CI, axis=0) if len(steps) > 1 else (steps[0], steps[0])
     figures = _figures(time_s, steps)
     measured = None
     if closed is not None and closed.frequency_hz.size >= _FEWEST_BANDS:
@@ -91,7 +92,7 @@ def _step(
             np.interp(frequency_hz, closed.frequency_hz, part)
             for part in (closed.gain.real, closed.gain.imag)
         ]
-        spectrum = loop.target_to_rate[0] * (ratio[0] + 1j * ratio[1])
+        spectrum = target_to_rate[0] * (ratio[0] + 1j * ratio[1])
         measured = np.cumsum(np.fft.irfft(spectrum, 2 * n_samples), dtype=np.float64)[:n_samples]
     return Step(
         rise_time_s=_estimated(figures[0]),

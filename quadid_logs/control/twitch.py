@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.control.frequency_response import above_zero
 from quadid_logs.control.loop import gyro_filters, rate_loop
 from quadid_logs.control.margins import is_stable
@@ -61,6 +61,10 @@ class _Answer(NamedTuple):
     highest: float
     lowest: float
     reverses: bool = False
+
+
+#: An unstable loop grows beyond every target, and comes back as far.
+_BEYOND: Final = _Answer(np.inf, -np.inf)
 
 
 def twitch(
@@ -210,9 +214,11 @@ def _answers(
     )
 
     def answer(numbers: list[int], found: list[_Gains]) -> list[_Answer]:
-        steps, stable = _steps(loops, numbers, [found[number] for number in numbers])
-        rows = zip(numbers, steps, stable, strict=True)
-        return [_seen(row, found[number], procedure, period_s, steady=bool(ok)) for number, row, ok in rows]
+        gains = [found[number] for number in numbers]
+        steps, stable = _steps(loops, numbers, gains)
+        told = _seen(steps[stable], [one for one, ok in zip(gains, stable, strict=True) if ok], procedure)
+        seen = iter(told)
+        return [next(seen) if ok else _BEYOND for ok in stable]
 
     return answer
 
@@ -223,7 +229,10 @@ def _low_pass(cutoff_hz: float, frequency_hz: FloatArray) -> ComplexArray:
 
 
 def _steps(loops: _Loops, numbers: list[int], gains: list[_Gains]) -> tuple[FloatArray, BoolArray]:
-    """Return the answers to a step of rate or angle, as the stage has it, and whether each is stable."""
+    """Return the answers to a step of rate or angle, as the stage has it, and whether each is stable.
+
+    They end with the twitch.
+    """
     p, d, angle = np.transpose([(one.p, one.d, one.angle) for one in gains])[:, :, np.newaxis]
     of_angle = np.array([one.stage > _P_UP for one in gains])
     rate = p * loops.proportional[numbers] + d * loops.derivative[numbers]
@@ -236,24 +245,36 @@ def _steps(loops: _Loops, numbers: list[int], gains: list[_Gains]) -> tuple[Floa
         stable[of_angle] &= is_stable(outer, 1, np.zeros(len(outer), dtype=bool))
         answer[of_angle] = outer / (1.0 + outer)
     n = 2 * (loops.frequency_hz.size - 1)
-    return np.cumsum(np.fft.irfft(answer, n, axis=1), axis=1, dtype=np.float64), stable
+    impulses = np.fft.irfft(answer, n, axis=1)[:, : round(_TWITCH_S / loops.period_s)]
+    return np.cumsum(impulses, axis=1, dtype=np.float64), stable
 
 
-def _seen(step: FloatArray, now: _Gains, procedure: Twitching, period_s: float, *, steady: bool) -> _Answer:
-    """Return what the procedure sees of a step until it has seen enough."""
-    if not steady:
-        # It grows beyond every target, and comes back as far.
-        return _Answer(np.inf, -np.inf)
-    step = step[: round(_TWITCH_S / period_s)]
-    target = 1.0 + 0.5 * procedure.aggressiveness * (now.stage >= _P_UP)
-    top = np.maximum.accumulate(step)
-    if now.stage > _P_UP:
-        rate = np.diff(step)
+def _seen(steps: FloatArray, gains: list[_Gains], procedure: Twitching) -> list[_Answer]:
+    """Return what the procedure sees of each step until it has seen enough."""
+    stage = np.array([one.stage for one in gains])
+    top = np.maximum.accumulate(steps, axis=1)
+    answers = [_BEYOND] * len(gains)
+    for number in np.flatnonzero(stage > _P_UP):
+        rate = np.diff(steps[number])
         reverses = float(rate.min()) < -procedure.aggressiveness * float(rate.max())
-        return _Answer(float(top[-1]), float(step.min()), reverses)
-    risen = int(np.argmax(top >= _RISEN * target)) if top[-1] >= _RISEN * target else step.size
-    bounced = (top > _BOUNCING * target) & (top - step > procedure.aggressiveness * top)
-    over = (top > target) | bounced | (np.arange(step.size) >= 3 * risen)
-    end = int(np.argmax(over)) if over.any() else step.size - 1
-    place = int(np.argmax(step[: end + 1]))
-    return _Answer(float(top[end]), float(step[place : end + 1].min()))
+        answers[number] = _Answer(float(top[number, -1]), float(steps[number].min()), reverses)
+    of_rate = np.flatnonzero(stage <= _P_UP)
+    target = 1.0 + 0.5 * procedure.aggressiveness * (stage[of_rate] == _P_UP)
+    for number, end in zip(of_rate, _ends(steps[of_rate], top[of_rate], target, procedure), strict=True):
+        until = steps[number, : end + 1]
+        answers[number] = _Answer(float(top[number, end]), float(until[np.argmax(until) :].min()))
+    return answers
+
+
+def _ends(steps: FloatArray, top: FloatArray, target: FloatArray, procedure: Twitching) -> IntArray:
+    """Return where each twitch of a rate ends: at its target, bounced back, or three times as late as risen.
+
+    ``top`` is the highest so far; both (n_steps, n_samples).
+    """
+    column, last = target[:, np.newaxis], steps.shape[1] - 1
+    # What never rises so far takes as long as there is.
+    risen = np.count_nonzero(top < _RISEN * column, axis=1)
+    over = (top > _BOUNCING * column) & (top - steps > procedure.aggressiveness * top)
+    over |= top > column
+    first = np.where(over.any(axis=1), np.argmax(over, axis=1), last)
+    return np.asarray(np.minimum(np.minimum(first, 3 * risen), last))

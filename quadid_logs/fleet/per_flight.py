@@ -23,7 +23,12 @@ MOST_FLIGHTS = 32
 
 
 def analyze_flights(
-    path: Path, settings: Settings, vehicle: Vehicle | None, loop: LoopPart = "whole"
+    path: Path,
+    settings: Settings,
+    vehicle: Vehicle | None,
+    loop: LoopPart = "whole",
+    *,
+    published: bool = True,
 ) -> Iterator[Result]:
     """Read each log of a file once and analyze each of its flights alone.
 
@@ -35,6 +40,7 @@ def analyze_flights(
     vehicle : Vehicle or None
         What is known of mass, arms and thrust.
     loop : {"whole", "verdict"}
+    published : bool
         As of `judge`.
 
     Yields
@@ -54,9 +60,11 @@ def analyze_flights(
         prepared = load(path, settings, vehicle)
     except SeveralLogsError as several:
         for number in several.durations_s:
-            yield from analyze_flights(path, dataclasses.replace(settings, log=number), vehicle, loop)
+            one = dataclasses.replace(settings, log=number)
+            yield from analyze_flights(path, one, vehicle, loop, published=published)
         return
-    yield from judge_flights(prepared, settings, vehicle, time.perf_counter() - began, loop)
+    read_s = time.perf_counter() - began
+    yield from judge_flights(prepared, settings, vehicle, read_s, loop, published=published)
 
 
 def judge_flights(
@@ -65,6 +73,8 @@ def judge_flights(
     vehicle: Vehicle | None,
     read_s: float,
     loop: LoopPart = "whole",
+    *,
+    published: bool = True,
 ) -> Iterator[Result]:
     """Analyze each flight of a log that was read.
 
@@ -76,6 +86,7 @@ def judge_flights(
     read_s : float
         How long reading took [s].
     loop : {"whole", "verdict"}
+    published : bool
         As of `judge`.
 
     Yields
@@ -97,4 +108,13 @@ def judge_flights(
         data = cut(prepared, part.align)
         timings_s = {"read": read_s / len(parts), "align": time.perf_counter() - began}
         health = faults_of(prepared, data)
-        yield judge(prepared.log, data, part, vehicle=vehicle, health=health, timings_s=timings_s, loop=loop)
+        yield judge(
+            prepared.log,
+            data,
+            part,
+            vehicle=vehicle,
+            published=published,
+            health=health,
+            timings_s=timings_s,
+            loop=loop,
+        )

@@ -114,7 +114,11 @@ def _analyze(task: Task, path: Path, sha256: str) -> Outcome:
     try:
         # Rows hold the verdicts alone of the loop without --margins; a page shows all of it.
         loop: LoopPart = "whole" if task.options.reports or task.options.margins else "verdict"
-        results = tuple(analyze_flights(path, task.options.settings, task.options.vehicle, loop))
+        # Rows hold the recommended model; a page shows all.
+        flights = analyze_flights(
+            path, task.options.settings, task.options.vehicle, loop, published=task.options.reports
+        )
+        results = tuple(flights)
     except QuadidError as error:
         return failure(task, sha256, UNREADABLE, str(error).replace(str(path), "The file"))
     except MemoryError:

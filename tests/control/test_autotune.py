@@ -11,7 +11,7 @@ import pytest
 from quadid_logs.control.autotune import forecast
 from quadid_logs.control.loop import gyro_filters
 from quadid_logs.control.pole_placement import _discrete_models, place_poles
-from quadid_logs.control.twitch import _angle_up, _Answer, _Gains, twitch
+from quadid_logs.control.twitch import _angle_up, _Answer, _Gains, _seen, twitch
 from quadid_logs.data.autotune import PolePlacement, Twitching
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
@@ -121,3 +121,19 @@ def test_an_angle_whose_rate_reverses_ends_the_search_for_its_gain() -> None:
     now, seen = _Gains(p=0.1, d=0.003, angle=10.0, stage=4), _Answer(1.01, 0.0, reverses=True)
     assert _angle_up(now, seen, TWITCHED).stage == 5
     assert _angle_up(now, seen._replace(reverses=False), TWITCHED).stage == 4
+
+
+def test_a_twitch_of_a_rate_is_over_three_times_as_late_as_it_rose() -> None:
+    """What comes later, a bounce back or a target that is reached, the procedure does not see."""
+    rises = np.concatenate([np.linspace(0.0, 0.9, 11), np.full(30, 0.9)])
+    steps = np.stack([np.append(rises, np.zeros(20)), np.append(rises, np.full(20, 1.2))])
+    now = _Gains(p=0.1, d=0.003, angle=10.0)
+    assert _seen(steps, [now, now], TWITCHED) == [_Answer(0.9, 0.9)] * 2
+
+
+def test_each_twitch_is_seen_by_itself() -> None:
+    """Of one vehicle the rate reaches its target and of another it bounces; of a third the angle answers."""
+    rates = np.array([[0.0, 0.5, 1.1, 0.2, 0.0], [0.0, 0.5, 0.3, 0.9, 1.2], [0.0, 0.8, 1.01, 0.6, 0.4]])
+    now = _Gains(p=0.1, d=0.003, angle=10.0)
+    together = _seen(rates, [now, now, now._replace(stage=4)], TWITCHED)
+    assert together == [_Answer(1.1, 1.1), _Answer(0.5, 0.3), _Answer(1.01, 0.0, reverses=True)]

@@ -47,7 +47,9 @@ def flown() -> tuple[Record, FlightLog, Result]:
         write_log(log_flights((record,), replace(SCENARIO.logging, rate_hz=LOOP_HZ)), path)
         log = read_log(path)
     prepared, settings = prepare(log), Settings()
-    result = judge(prepared.log, cut(prepared, settings.align), settings, vehicle=None, timings_s={})
+    result = judge(
+        prepared.log, cut(prepared, settings.align), settings, vehicle=None, published=False, timings_s={}
+    )
     return record, log, result
 
 

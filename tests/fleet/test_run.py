@@ -210,7 +210,7 @@ from quadid_logs.fleet import work
 
 whole = work.analyze_flights
 
-def analyze_flights(path, *rest):
+def analyze_flights(path, *rest, **named):
     if path.name == "killer.bin":
         os.kill(os.getpid(), signal.SIGKILL)
     if path.name == "reaper.bin":
@@ -221,7 +221,7 @@ def analyze_flights(path, *rest):
     if path.name == "glutton.bin":
         hoard = bytearray(1 << 30)
         time.sleep(3600.0)
-    return whole(path, *rest)
+    return whole(path, *rest, **named)
 
 work.analyze_flights = analyze_flights
 """

@@ -49,7 +49,9 @@ def slung() -> Flight:
 def analyzed(log: FlightLog) -> Result:
     prepared = prepare(log)
     settings = Settings()
-    return judge(prepared.log, cut(prepared, settings.align), settings, vehicle=None, timings_s={})
+    return judge(
+        prepared.log, cut(prepared, settings.align), settings, vehicle=None, published=False, timings_s={}
+    )
 
 
 @functools.cache
@@ -233,7 +235,7 @@ def test_two_vehicles_in_one_pool_are_told_apart() -> None:
     logs = [prepare(flown()[name].log()) for name in ("clean", "another vehicle")]
     settings = Settings()
     data = pool([cut(each, settings.align) for each in logs])
-    result = judge(logs[0].log, data, settings, vehicle=None, timings_s={})
+    result = judge(logs[0].log, data, settings, vehicle=None, published=False, timings_s={})
     assert all("QL529" in codes(result, axis) for axis in AXES)
 
 
@@ -242,5 +244,5 @@ def test_one_vehicle_in_a_pool_is_one() -> None:
     """The same flight twice."""
     prepared, settings = prepare(flown()["clean"].log()), Settings()
     part = cut(prepared, settings.align)
-    result = judge(prepared.log, pool([part, part]), settings, vehicle=None, timings_s={})
+    result = judge(prepared.log, pool([part, part]), settings, vehicle=None, published=False, timings_s={})
     assert all(found.verdict == "usable" for found in result.diagnosis.axes.values())

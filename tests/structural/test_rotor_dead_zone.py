@@ -33,7 +33,7 @@ def flown(scenario: str, autopilot: str) -> tuple[dict, Result]:
     flight = simulate(scenario, seed=3, duration_s=40.0, autopilot=autopilot)
     prepared = prepare(flight.log)
     data = cut(prepared, Settings().align)
-    return flight.truth, judge(prepared.log, data, Settings(), vehicle=None, timings_s={})
+    return flight.truth, judge(prepared.log, data, Settings(), vehicle=None, published=False, timings_s={})
 
 
 def of_rotors(axis: int, **values: float) -> EffectCheck:
@@ -129,7 +129,9 @@ def test_two_effects_that_come_together_move_the_effectiveness_further_than_eith
     record = fly(setup)
     truth = flight_truth((record,), scenario="both", boot_s=0.0)
     prepared = prepare(log_flights((record,), scenario.logging))
-    result = judge(prepared.log, cut(prepared, Settings().align), Settings(), vehicle=None, timings_s={})
+    result = judge(
+        prepared.log, cut(prepared, Settings().align), Settings(), vehicle=None, published=False, timings_s={}
+    )
     model = result.identification.recommended
     assert model is not None
     gains = np.diag(np.array(truth["models"]["damped"]["B"]))

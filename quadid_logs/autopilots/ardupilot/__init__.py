@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from quadid_logs.autopilots import Autopilot, LogFormat
 from quadid_logs.data.log import FlightLog
+from quadid_logs.vocabulary import AXES
 
 if TYPE_CHECKING:
     from quadid_logs.actuation.airframe import Airframe, Unknown
@@ -71,11 +72,12 @@ class ArduPilot(Autopilot):
         parameters: Mapping[str, float],
         *,
         period_s: float | None = None,  # noqa: ARG002
+        axes: Sequence[str] = AXES,
     ) -> FlownControllers:
         """AC_PID and the angle loop of ATC_*."""
         from quadid_logs.autopilots.ardupilot.controller import controllers
 
-        return controllers(log, parameters)
+        return controllers(log, parameters, axes)
 
     def replay_inputs(
         self, log: FlightLog, controllers: FlownControllers, intervals: Sequence[tuple[float, float]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -85,7 +85,9 @@ def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, floa
     return next((found for names in _ANGLE_GAINS if (found := gains_named(names, parameters))), None)
 
 
-def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers:
+def controllers(
+    log: FlightLog, parameters: Mapping[str, float], axes: Sequence[str] = AXES
+) -> FlownControllers:
     """Return the controllers that the parameters make.
 
     Parameters
@@ -94,6 +96,8 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
         Tells the firmware.
     parameters : mapping of str to float
         Those that flew.
+    axes : sequence of str
+        Those wanted.
 
     Returns
     -------
@@ -105,16 +109,17 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
     errors, where its square-root controller is linear.
     """
     version_read, note = read_version(log.version, VERSIONS_READ)
-    axes: dict[str, AxisController] = {}
+    found: dict[str, AxisController] = {}
     period_s = flown_period_s(log, parameters)
     gyro = gyro_filters(parameter_filter(parameters, log.followed, log.version), gyro_period_s(parameters))
     named_gyro = tuple(_named_gyro_filters(log, parameters))
     remarks = list(_common_remarks(parameters, log.followed))
-    for axis, name in AXIS_NAMES.items():
+    for axis in axes:
+        name = AXIS_NAMES[axis]
         refused = list(_refusals(parameters, axis, f"ATC_RAT_{name}_"))
         remarks += refused
         if not refused:
-            axes[axis] = replace(
+            found[axis] = replace(
                 _axis(parameters, name, period_s, gyro),
                 filters=(*named_gyro, *_named_filters(parameters, name, period_s)),
             )
@@ -124,7 +129,7 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
         firmware=log.firmware,
         version_read=version_read,
         version_note=note,
-        axes=axes,
+        axes=found,
         remarks=tuple(remarks),
     )
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from quadid_logs.autopilots import LogFormat
 from quadid_logs.autopilots.betaflight.family import BlackboxFamily
 from quadid_logs.data.log import FlightLog
+from quadid_logs.vocabulary import AXES
 
 if TYPE_CHECKING:
     from quadid_logs.autopilots.generic.advice import Advice
@@ -38,11 +39,12 @@ class Betaflight(BlackboxFamily):
         parameters: Mapping[str, float],
         *,
         period_s: float | None = None,  # noqa: ARG002
+        axes: Sequence[str] = AXES,
     ) -> FlownControllers | None:
         """Take the header's settings, and what moves as it was on average."""
         from quadid_logs.autopilots.betaflight.controller import controllers
 
-        return controllers(log, parameters)
+        return controllers(log, parameters, axes)
 
     def replay_inputs(
         self, log: FlightLog, controllers: FlownControllers, intervals: Sequence[tuple[float, float]]

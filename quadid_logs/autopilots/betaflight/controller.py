@@ -8,7 +8,7 @@ integral back, and the feed-forward adds to the set-point's way, not to the loop
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
 from operator import mul
 from typing import Final
@@ -69,7 +69,9 @@ _RPM_NOTCH: Final = ("rpm_filter_harmonics", "gyro_rpm_notch_harmonics")
 _FELT: Final = 0.02
 
 
-def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControllers | None:
+def controllers(
+    log: FlightLog, parameters: Mapping[str, float], axes: Sequence[str] = AXES
+) -> FlownControllers | None:
     """Return the controllers that the settings make; None for a version whose law is another.
 
     Parameters
@@ -78,6 +80,8 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
         Tells the firmware, and throttle, rotor speeds and filter delays of the flight.
     parameters : mapping of str to float
         The header's settings.
+    axes : sequence of str
+        Those wanted.
 
     Returns
     -------
@@ -90,9 +94,9 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
     if log.version is not None and log.version < OLDEST_LAW:
         return None
     version_read, note = read_version(log.version, VERSIONS_READ)
-    axes: dict[str, AxisController] = {}
+    found: dict[str, AxisController] = {}
     remarks = list(_common_remarks(parameters, flown(log)))
-    for axis in AXES:
+    for axis in axes:
         other = {name: parameters[name] for name in _OTHER_LAWS if _is_on(parameters, name, axis)}
         if _averages(log, parameters):
             other["dterm_filter_type"] = _AVERAGE
@@ -103,14 +107,14 @@ def controllers(log: FlightLog, parameters: Mapping[str, float]) -> FlownControl
             values = dict.fromkeys(missing, math.nan)
             remarks.append(ControllerRemark(kind=RemarkKind.MISSING_PARAMETER, axis=axis, values=values))
         else:
-            axes[axis] = _axis(log, parameters, axis)
+            found[axis] = _axis(log, parameters, axis)
             remarks += _axis_remarks(log, parameters, axis)
     return FlownControllers(
         name="Betaflight's rate loop",
         firmware=log.firmware,
         version_read=version_read,
         version_note=note,
-        axes=axes,
+        axes=found,
         remarks=tuple(remarks),
         command_unit=CommandUnit("unit of the PID sum", 1.0 / PID_SCALE),
     )

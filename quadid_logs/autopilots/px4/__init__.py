@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from quadid_logs.autopilots import Autopilot, LogFormat
 from quadid_logs.data.log import FlightLog
+from quadid_logs.vocabulary import AXES
 
 if TYPE_CHECKING:
     from quadid_logs.actuation.airframe import Airframe, Unknown
@@ -62,12 +63,17 @@ class Px4(Autopilot):
         return angle_gains(mode, parameters)
 
     def controllers(
-        self, log: FlightLog, parameters: Mapping[str, float], *, period_s: float | None = None
+        self,
+        log: FlightLog,
+        parameters: Mapping[str, float],
+        *,
+        period_s: float | None = None,
+        axes: Sequence[str] = AXES,
     ) -> FlownControllers:
         """mc_rate_control and mc_att_control by MC_*."""
         from quadid_logs.autopilots.px4.controller import controllers
 
-        return controllers(log, parameters, period_s=period_s)
+        return controllers(log, parameters, period_s=period_s, axes=axes)
 
     def replay_inputs(
         self, log: FlightLog, controllers: FlownControllers, intervals: Sequence[tuple[float, float]]

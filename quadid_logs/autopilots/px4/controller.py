@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -86,7 +86,11 @@ def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, floa
 
 
 def controllers(
-    log: FlightLog, parameters: Mapping[str, float], *, period_s: float | None = None
+    log: FlightLog,
+    parameters: Mapping[str, float],
+    *,
+    period_s: float | None = None,
+    axes: Sequence[str] = AXES,
 ) -> FlownControllers:
     """Return the controllers that the parameters make.
 
@@ -98,6 +102,8 @@ def controllers(
         Those that flew.
     period_s : float or None
         Of the loop, where the log's rows turned out to be some of its steps only.
+    axes : sequence of str
+        Those wanted.
 
     Returns
     -------
@@ -118,21 +124,22 @@ def controllers(
     if gyro_s != period_s:
         values = {"IMU_GYRO_RATEMAX": 1.0 / period_s, "gyro_hz": 1.0 / gyro_s}
         remarks.append(ControllerRemark(kind=RemarkKind.GYRO_RATE_ASSUMED, values=values))
-    axes: dict[str, AxisController] = {}
-    for axis, (name, _) in AXIS_NAMES.items():
+    found: dict[str, AxisController] = {}
+    for axis in axes:
+        name = AXIS_NAMES[axis][0]
         wanted = [f"MC_{name}RATE_{short}" for short in _NEEDED]
         missing = [one for one in wanted if finite(parameters.get(one)) is None]
         if missing:
             values = dict.fromkeys(missing, math.nan)
             remarks.append(ControllerRemark(kind=RemarkKind.MISSING_PARAMETER, axis=axis, values=values))
         else:
-            axes[axis] = _axis(parameters, name, (period_s, gyro_s), log.followed)
+            found[axis] = _axis(parameters, name, (period_s, gyro_s), log.followed)
     return FlownControllers(
         name="mc_rate_control",
         firmware=log.firmware,
         version_read=version_read,
         version_note=note,
-        axes=axes,
+        axes=found,
         remarks=tuple(remarks),
     )
 
