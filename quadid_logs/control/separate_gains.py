@@ -60,6 +60,15 @@ _UNCHANGED: Final = 0.01
 _SAME: Final = 0.05
 #: The search ends this near to the limits.
 _ROUNDING: Final = 0.005
+#: The best gains are searched for once more until that changes what is to be small by less than this: in a
+#: flat valley, along a limit, a search ends a long way from the bottom. It begins where the first one ended,
+#: and so much nearer to the flown gains, away from limits; back from beyond these it goes in so many steps.
+_REFINED: Final = 1e-4
+_BACK: Final = (0.0, 0.1)
+_STEPS_BACK: Final = 65
+#: What is as good as the best, of gusts and of following: a sixth of the standard error with which a minute
+#: of flight shows the size of gusts around 1 Hz, 1 / (2 sqrt(60)).
+_AS_GOOD: Final = 0.01
 #: A rough search, to rank filters by.
 _FEW_STEPS: Final = 8
 #: Of the bodies, those of the vehicle as it flies: in other conditions a vehicle decides once it lacks.
@@ -280,6 +289,9 @@ class SeparateGains:
     def target(self, common: float) -> dict[str, float]:
         """Return by parameter the factor at which gusts are rejected best, the limits being kept.
 
+        Of gains that are as good as the best, those nearest to what flew: what is known of those is most,
+        and where many are as good, rounding chooses none.
+
         Parameters
         ----------
         common : float
@@ -293,7 +305,39 @@ class SeparateGains:
         begin = self._begin(common)
         self._add_decisive(begin)
         bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
-        return self._searched(begin, bounds)
+        return self._nearest(self._searched(begin, bounds), bounds)
+
+    def _nearest(self, best: dict[str, float], bounds: _Bounds) -> dict[str, float]:
+        """Return the gains nearest to the flown ones, as logarithms, of those as good as the best.
+
+        Neither gusts nor a slower attitude cost more than `_AS_GOOD`, the integral is no weaker, and of
+        limits that the best lack no more is missing.
+        """
+        names = list(best)
+        limits = [(math.log(low), math.log(high)) for low, high in map(bounds.__getitem__, names)]
+
+        def factors(logs: FloatArray) -> dict[str, FloatArray]:
+            return dict(zip(names, np.exp(logs).T, strict=True))
+
+        at_best = np.array([math.log(best[name]) for name in names])
+        for _ in range(_ROUNDS):
+            at_best = _refined(lambda logs: self._told(factors(logs)), at_best, limits)
+            cost, spare = (each[0] for each in self._parts(factors(at_best[np.newaxis])))
+            most, least = cost + np.log1p([_AS_GOOD, _AS_GOOD, 0.0]), np.minimum(spare, 0.0)
+
+            def told(
+                logs: FloatArray, most: FloatArray = most, least: FloatArray = least
+            ) -> tuple[FloatArray, FloatArray]:
+                parts, kept = self._parts(factors(logs))
+                return np.sum(logs**2, axis=1), np.concatenate([kept - least, most - parts], axis=1)
+
+            logs = _refined(told, at_best, limits)
+            found = dict(zip(names, np.exp(logs).tolist(), strict=True))
+            if self.keeps(found):
+                return found
+            if not self._add_decisive(found):
+                break
+        return best
 
     def _searched(
         self,
@@ -350,14 +394,13 @@ class SeparateGains:
 
     def _most(self, name: str) -> float:
         """Return the largest factor on a gain that is searched, or that the firmware documents."""
-        documented = self._names.highest.get(name, np.inf) / self._now[name]
-        return min(self._highest, max(documented, 1.0))
+        return min(self._highest, self._names.factors(name, self._now[name])[1])
 
     def _search(
         self, begins: list[dict[str, float]], bounds: _Bounds, most_up: float, *, rough: bool = False
     ) -> dict[str, float]:
         """Search from some factors for the least attitude error; return the best of ends and beginnings."""
-        from scipy.optimize import NonlinearConstraint, minimize
+        from scipy.optimize import minimize
 
         names = list(begins[0])
         limits = [(math.log(low), math.log(high)) for low, high in map(bounds.__getitem__, names)]
@@ -370,17 +413,10 @@ class SeparateGains:
 
         told = _Slopes(lambda logs: self._told(dict(zip(names, np.exp(logs).T, strict=True)), most_up))
         found = list(begins)
+        steps = _FEW_STEPS if rough else _MOST_STEPS
         for begin in begins:
-            end = minimize(
-                told.cost,
-                [math.log(begin[name]) for name in names],
-                method="SLSQP",
-                jac=told.cost_slope,
-                bounds=limits,
-                constraints=NonlinearConstraint(told.kept, 0.0, np.inf, jac=told.kept_slope),
-                options={"maxiter": _FEW_STEPS if rough else _MOST_STEPS, "ftol": _TOLERANCE},
-            )
-            found.append(factors(end.x))
+            logs = np.array([math.log(begin[name]) for name in names])
+            found.append(factors(_minimised(told, logs, limits, _TOLERANCE, steps)))
         each = {name: np.array([one[name] for one in found]) for name in names}
         best = found[int(np.argmin(self._values(each, most_up)))]
         if rough or np.min(self._told(_sets(best), most_up)[1]) >= -_ROUNDING:
@@ -405,9 +441,18 @@ class SeparateGains:
     ) -> tuple[FloatArray, FloatArray]:
         """Return what is to be small, a logarithm, and how much is kept of each limit beyond it.
 
-        That is the attitude error of gusts, times how much more slowly the attitude follows its set-point,
-        times how much less the integral holds. For each of several sets of gains: (n_sets,), (n_sets,
-        n_limits).
+        For each of several sets of gains: (n_sets,), (n_sets, n_limits).
+        """
+        parts, kept = self._parts(factors, most_up)
+        return np.sum(parts, axis=1), kept
+
+    def _parts(
+        self, factors: Mapping[str, FloatArray], most_up: float = np.inf
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what is to be small by its parts, and how much is kept of each limit beyond it.
+
+        The parts are logarithms, (n_sets, 3): the attitude error of gusts, how much more slowly the attitude
+        follows its set-point, how much less the integral holds.
         """
         answers = self._paths.at(factors)
         loop = self._loop(answers)
@@ -426,7 +471,8 @@ class SeparateGains:
         )
         weaker = np.maximum(np.minimum(proportional, 1.0) / integral, 1.0)
         error_rad = self._gusts.attitude_rad(loop.whole)
-        return np.log(slower * weaker * error_rad), np.minimum(np.concatenate(kept, axis=1), 1.0)
+        parts = np.stack([error_rad, slower, np.broadcast_to(weaker, slower.shape)], axis=1)
+        return np.log(parts), np.minimum(np.concatenate(kept, axis=1), 1.0)
 
     def _at(self, factors: Mapping[str, FloatArray]) -> _Loop:
         """Return the loops of the estimate with other gains."""
@@ -815,6 +861,43 @@ class _Slopes:
             costs, all_kept = self._told(logs + _DIFFERENCE * np.eye(logs.size))
             self._slopes[key] = ((costs - cost) / _DIFFERENCE, ((all_kept - kept) / _DIFFERENCE).T)
         return self._slopes[key]
+
+
+def _minimised(
+    told: _Slopes,
+    begin: FloatArray,
+    limits: list[tuple[float, float]],
+    tolerance: float,
+    steps: int,
+) -> FloatArray:
+    """Return logarithms of factors, (n_names,), where what is to be small is so, near where it begins."""
+    from scipy.optimize import NonlinearConstraint, minimize
+
+    end = minimize(
+        told.cost,
+        begin,
+        method="SLSQP",
+        jac=told.cost_slope,
+        bounds=limits,
+        constraints=NonlinearConstraint(told.kept, 0.0, np.inf, jac=told.kept_slope),
+        options={"maxiter": steps, "ftol": tolerance},
+    )
+    return np.asarray(end.x, dtype=np.float64)
+
+
+def _refined(
+    told: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+    begin: FloatArray,
+    limits: list[tuple[float, float]],
+) -> FloatArray:
+    """Return the logarithms of the best factors around some that keep the limits, see `_BACK`."""
+    slopes, each = _Slopes(told), [begin]
+    least = min(float(np.min(slopes.kept(begin))), 0.0) - _REFINED
+    for part in _BACK:
+        end = _minimised(slopes, (1.0 - part) * begin, limits, _REFINED, _MOST_STEPS)
+        way = end + np.linspace(0.0, 1.0, _STEPS_BACK)[:, np.newaxis] * (begin - end)
+        each.append(way[np.argmax(np.min(told(way)[1], axis=1) >= least)])
+    return min(each, key=slopes.cost)
 
 
 def _largest(bears: Callable[[float], bool], highest: float) -> float:
