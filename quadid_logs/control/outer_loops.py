@@ -9,6 +9,7 @@ give phase rather than take it, and so is the estimator, whose delay no log show
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -95,6 +96,8 @@ def outer_loops(
         Loops are closed where velocities were controlled, and where no replay contradicts.
     """
     command, horizontal = controllers.attitude, controllers.horizontal
+    if attitude is not None and attitude.lags_s is not None:
+        command = replace(command, lags_s=attitude.lags_s)
     replays = {} if attitude is None else attitude_replays(attitude, command)
     cascades = {
         each.direction: replay
@@ -113,7 +116,7 @@ def outer_loops(
             if (loop := _loop_of(closed, axis, command, horizontal)) is not None
         }
     return OuterLoops(
-        controllers=controllers,
+        controllers=replace(controllers, attitude=command),
         attitude=replays,
         shaper={} if shaper is None else _shaper_replays(shaper),
         cascades=cascades,

@@ -28,12 +28,15 @@ class AttitudeRows:
         Rate that it adds whatever the error [rad/s].
     logged : ndarray
         The rate set-point that the log holds [rad/s].
+    lags_s : tuple of float or None
+        Those of `AttitudeCommand`, where parameters leave them open and the rows tell.
     """
 
     time_s: FloatArray
     from_error: FloatArray
     forward: FloatArray
     logged: FloatArray
+    lags_s: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
