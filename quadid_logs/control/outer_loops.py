@@ -149,7 +149,8 @@ def _attitude_replay(rows: AttitudeRows, number: int, command: AttitudeCommand) 
     size, left = _rms(logged[kept]), _rms(off[kept])
     gain = _slope(made[kept], (logged - forward)[kept], _clusters(rows.time_s[kept]))
     # What is fed forward can hide the gain in the sum, and what else was added, as an excitation, the sum.
-    shown = Shown.NOT_SHOWN if gain is None or command.not_modelled else shown_by(gain)
+    unknown = command.not_modelled or AXES[number] in rows.not_judged
+    shown = Shown.NOT_SHOWN if gain is None or unknown else shown_by(gain)
     if shown is Shown.AGREES and left > _SAME_LAW * size:
         shown = Shown.NOT_SHOWN
     return AttitudeReplay(

@@ -125,10 +125,9 @@ def test_the_attitude_law_of_a_firmware_with_a_reference_model_is_that_of_the_mo
     assert controllers is not None
     assert rows.lags_s == (0.02, 0.02)
     replays = attitude_replays(rows, controllers.attitude)
-    assert {axis: replays[axis].shown for axis in ("roll", "pitch")} == {
-        "roll": Shown.AGREES,
-        "pitch": Shown.AGREES,
-    }
+    # Of yaw it leaves a sixth: that is no other gain.
+    shown = {"roll": Shown.AGREES, "pitch": Shown.AGREES, "yaw": Shown.NOT_SHOWN}
+    assert {axis: replay.shown for axis, replay in replays.items()} == shown
     assert all(replays[axis].relative_rms < 0.05 for axis in ("roll", "pitch"))
 
 

@@ -252,7 +252,10 @@ def attitude_rows(
         for lags_s, target in targets.items()
     }
     lags_s = min(made, key=lambda one: _left(rows, made[one]))
-    return replace(rows, from_error=made[lags_s], lags_s=lags_s if len(made) > 1 else None)
+    if len(made) == 1:
+        return replace(rows, from_error=made[lags_s])
+    # Of yaw the model leaves a sixth, and nobody knows why.
+    return replace(rows, from_error=made[lags_s], lags_s=lags_s, not_judged=("yaw",) if lags_s else ())
 
 
 def _left(rows: AttitudeRows, made: FloatArray) -> float:
