@@ -47,6 +47,7 @@ NAMES = GainNames(
         ("px4", (1, 16, 0), PX4),
         ("px4", (1, 18, 0), PX4_LATER),
         ("ardupilot", (4, 0, 7), COPTER_4_0),
+        ("ardupilot", (4, 1), COPTER),
         ("ardupilot", (4, 4, 4), COPTER),
         ("ardupilot", (4, 6, 1), COPTER),
         ("ardupilot", (4, 7, 0), COPTER),
