@@ -241,7 +241,7 @@ def attitude_rows(
         forward=rotation_matrix(body)[:, 2, :] * _yaw_rate(log, rate.time_s[chosen])[:, np.newaxis],
         logged=rate.values[chosen],
     )
-    targets = {(): quaternion_from_euler(wanted.values[asked[chosen]])}
+    targets: dict[tuple[float, ...], FloatArray] = {(): quaternion_from_euler(wanted.values[asked[chosen]])}
     natural = finite(parameters.get("MC_REF_W_N"))
     if natural is not None and natural > 0.0:
         natural = min(natural, _FASTEST_RAD_S)
