@@ -14,6 +14,7 @@ import numpy as np
 from quadid_logs.autopilots import named
 from quadid_logs.control.autotune import forecast
 from quadid_logs.control.command_units import per_command
+from quadid_logs.control.documented import within_documented
 from quadid_logs.control.first_step import first_step
 from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import on_angle, on_rate
@@ -87,7 +88,7 @@ def recommend(
     """
     log = result.log
     parameters = flown_parameters(log, result.data)
-    tunable = named(log.autopilot).tunable(parameters)
+    tunable = named(log.autopilot).tunable(parameters, log.version)
     obstacle = _obstacle(log, tunable)
     if tunable is None or obstacle:
         reason = finding("QL610", "warning", {"autopilot": log.autopilot, "vehicle": obstacle})
@@ -102,7 +103,10 @@ def recommend(
     wishes = _filter_wishes(result, parameters) if filters else None
     tuned = tune_axes(known, limits, apart=apart, filters=wishes)
     return Tuning(
-        axes={axis: _not_bare(result, axis, one, known[axis].case) for axis, one in tuned.items()},
+        axes={
+            axis: within_documented(axis, _not_bare(result, axis, one, known[axis].case), tunable.axes[axis])
+            for axis, one in tuned.items()
+        },
         limits=limits,
         ranges=ranges,
     )
@@ -173,7 +177,7 @@ def autotune_forecasts(result: Result, tuning: Tuning) -> Mapping[str, AutotuneF
     """
     log = result.log
     parameters = flown_parameters(log, result.data)
-    tunable = named(log.autopilot).tunable(parameters)
+    tunable = named(log.autopilot).tunable(parameters, log.version)
     told: dict[str, AutotuneForecast] = {}
     for axis, procedure in ({} if tunable is None else tunable.procedures).items():
         if tunable is None or axis not in tuning.axes or axis in tuning.refused:
@@ -203,7 +207,7 @@ def what_if_grids(result: Result, tuning: Tuning) -> Mapping[str, WhatIf]:
         By axis.
     """
     parameters = flown_parameters(result.log, result.data)
-    tunable = named(result.log.autopilot).tunable(parameters)
+    tunable = named(result.log.autopilot).tunable(parameters, result.log.version)
     grids: dict[str, WhatIf] = {}
     for axis in () if tunable is None else tuning.axes:
         if tunable is None or axis in tuning.refused:
@@ -283,7 +287,7 @@ def shaping_gains(result: Result, axis: str) -> dict[str, float]:
         Gains and filters by parameter; empty where the controller is not known.
     """
     parameters = flown_parameters(result.log, result.data)
-    tunable = named(result.log.autopilot).tunable(parameters)
+    tunable = named(result.log.autopilot).tunable(parameters, result.log.version)
     controllers = None if result.closed_loop is None else result.closed_loop.controllers
     controller = None if controllers is None else controllers.axes.get(axis)
     if tunable is None or controller is None or axis not in tunable.axes:

@@ -144,6 +144,8 @@ def judged(flight: dict[str, Any]) -> Iterator[dict[str, Any]]:
     flight : dict
         Of `measure_lines`.
 
+    A rotor turns at many speeds, the part that rings at one: a line that stands there is its.
+
     Yields
     ------
     dict
@@ -152,10 +154,10 @@ def judged(flight: dict[str, Any]) -> Iterator[dict[str, Any]]:
     for line in flight["lines"]:
         off_rotors = min(max(low - line["hz"], line["hz"] - high, 0.0) for low, high in flight["rotors_hz"])
         off_frame = abs(line["hz"] - flight["frame_hz"])
-        of = "rotor" if off_rotors < off_frame else "frame"
+        of = "rotor" if off_rotors < off_frame and off_frame > _NEAR_HZ else "frame"
         right = line["source"] in _RIGHT[of] and line["harmonic"] in (0, 1)
         named = "rightly" if right else "not" if line["source"] == LineSource.UNKNOWN.name else "wrongly"
-        yield {**line, "of": of, "off_hz": min(off_rotors, off_frame), "named": named}
+        yield {**line, "of": of, "off_hz": off_frame if of == "frame" else off_rotors, "named": named}
 
 
 def told_of_lines(flights: list[dict[str, Any]]) -> Iterator[str]:

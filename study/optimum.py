@@ -263,10 +263,7 @@ def _judge(setup: Setup, parameters: Mapping[str, float], axis: int) -> Judge:
     flown = np.array(setup.tuning.single_gain)[:, axis]
     single = (names.proportional, names.integral, names.derivative, names.angle)
     ranges = np.array(
-        [
-            max(names.highest.get(name, np.inf) / parameters[name], 1.0) if parameters.get(name) else 1.0
-            for name in single
-        ]
+        [names.factors(name, parameters[name])[1] if parameters.get(name) else 1.0 for name in single]
     )
     judge = Judge(setup, true_plant(setup, resting_truth(setup), axis), axis, flown, flown * ranges, np.nan)
     # Gusts alone would have the attitude follow its pilot slowly: not slower than with gains that suit it.

@@ -703,7 +703,7 @@ def test_a_filter_that_limits_the_vehicle_is_named() -> None:
     )
     plant = Plant(*(np.array([value]) for value in (437.5, -2.0, 0.0, 0.0)))
     names = GainNames(
-        scaled=(), proportional="", integral="", derivative="", angle="", highest={}, low_passes=("D", "GYRO")
+        scaled=(), proportional="", integral="", derivative="", angle="", ranges={}, low_passes=("D", "GYRO")
     )
     case = Case(
         axis="roll", log=None, data=None, diagnosis=None, controllers=None, found=None, plants=plant,

@@ -180,8 +180,12 @@ class Autopilot:
         """Return wanted angles, and what an input shaper makes of them; None where either is missing."""
         return None
 
-    def tunable(self, parameters: Mapping[str, float]) -> Tunable | None:  # noqa: ARG002
-        """Return the gains that may be changed; None where no gains of it are known."""
+    def tunable(
+        self,
+        parameters: Mapping[str, float],  # noqa: ARG002
+        version: tuple[int, ...] | None = None,  # noqa: ARG002
+    ) -> Tunable | None:
+        """Return the gains that may be changed, in the ranges of a version; None where none are known."""
         return None
 
     def thrust_law(self, log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG002

@@ -9,6 +9,7 @@ give phase rather than take it, and so is the estimator, whose delay no log show
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -93,6 +94,8 @@ def outer_loops(
         Loops are closed where velocities were controlled, and where no replay contradicts.
     """
     command, horizontal = controllers.attitude, controllers.horizontal
+    if attitude is not None and attitude.lags_s is not None:
+        command = replace(command, lags_s=attitude.lags_s)
     replays = {} if attitude is None else attitude_replays(attitude, command)
     cascades = {
         each.direction: replay
@@ -111,7 +114,7 @@ def outer_loops(
             if (loop := _loop_of(closed, axis, command, horizontal)) is not None
         }
     return OuterLoops(
-        controllers=controllers,
+        controllers=replace(controllers, attitude=command),
         attitude=replays,
         shaper={} if shaper is None else _shaper_replays(shaper),
         cascades=cascades,
@@ -144,7 +147,8 @@ def _attitude_replay(rows: AttitudeRows, number: int, command: AttitudeCommand) 
     size, left = _rms(logged[kept]), _rms(off[kept])
     gain = _slope(made[kept], (logged - forward)[kept], _clusters(rows.time_s[kept]))
     # What is fed forward can hide the gain in the sum, and what else was added, as an excitation, the sum.
-    shown = Shown.NOT_SHOWN if gain is None or command.not_modelled else shown_by(gain)
+    unknown = command.not_modelled or AXES[number] in rows.not_judged
+    shown = Shown.NOT_SHOWN if gain is None or unknown else shown_by(gain)
     if shown is Shown.AGREES and left > _SAME_LAW * size:
         shown = Shown.NOT_SHOWN
     return AttitudeReplay(

@@ -402,11 +402,9 @@ class _Search:
     def _held(self, factor: float) -> Found:
         """Lower a factor to what noise, the mixer and the documented ranges allow; never below what flies."""
         highest = [
-            self._case.names.highest[name] / value
-            for name, value in self._now.items()
-            if value > 0.0 and name in self._case.names.highest
+            self._case.names.factors(name, value)[1] for name, value in self._now.items() if value > 0.0
         ]
-        allowed = {"QL637": max(min(highest, default=np.inf), 1.0)}
+        allowed = {"QL637": min(highest, default=np.inf)}
         if self._case.limited_fraction > _NEAR_LIMITS:
             allowed["QL635"] = 1.0
         if factor > 1.0:

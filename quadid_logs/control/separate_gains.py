@@ -350,8 +350,7 @@ class SeparateGains:
 
     def _most(self, name: str) -> float:
         """Return the largest factor on a gain that is searched, or that the firmware documents."""
-        documented = self._names.highest.get(name, np.inf) / self._now[name]
-        return min(self._highest, max(documented, 1.0))
+        return min(self._highest, self._names.factors(name, self._now[name])[1])
 
     def _search(
         self, begins: list[dict[str, float]], bounds: _Bounds, most_up: float, *, rough: bool = False

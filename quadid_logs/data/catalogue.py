@@ -1012,6 +1012,14 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 scope="gains",
             ),
             _entry(
+                "QL676",
+                "A gain lies below its documented range",
+                "The margins ask for less of this gain than this version of the firmware documents as its "
+                "lowest value. The firmware takes it; a ground station may ask first.",
+                "Load the value, and confirm it where the ground station asks.",
+                scope="gains",
+            ),
+            _entry(
                 "QL641",
                 "P, I, D and the angle gain are changed each by itself",
                 "Each gain is set where gusts are rejected best: margins are kept, noise stays "

@@ -28,12 +28,18 @@ class AttitudeRows:
         Rate that it adds whatever the error [rad/s].
     logged : ndarray
         The rate set-point that the log holds [rad/s].
+    lags_s : tuple of float or None
+        Those of `AttitudeCommand`, where parameters leave them open and the rows tell.
+    not_judged : tuple of str
+        Axes whose law is not known.
     """
 
     time_s: FloatArray
     from_error: FloatArray
     forward: FloatArray
     logged: FloatArray
+    lags_s: tuple[float, ...] | None = None
+    not_judged: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

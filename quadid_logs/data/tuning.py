@@ -75,8 +75,8 @@ class GainNames:
         Cut-offs [Hz] that people try out: of D, of the gyro.
     low_passes : tuple of str
         Cut-offs [Hz] of all low-passes in this axis' loop, each of which may take its phase.
-    highest : mapping of str to float
-        Upper ends of the ranges that the firmware documents.
+    ranges : mapping of str to (float, float)
+        Lowest and highest value that this version of the firmware documents; infinite where it names none.
     whole : bool
         The firmware holds whole numbers: a value is rounded down, to less gain.
     """
@@ -86,10 +86,26 @@ class GainNames:
     integral: str
     derivative: str
     angle: str
-    highest: Mapping[str, float]
+    ranges: Mapping[str, tuple[float, float]]
     filters: tuple[str, ...] = ()
     low_passes: tuple[str, ...] = ()
     whole: bool = False
+
+    def factors(self, name: str, flown: float) -> tuple[float, float]:
+        """Return least and largest factor on a flown gain within its range.
+
+        Parameters
+        ----------
+        name : str
+        flown : float
+            Above 0. What flew outside of the range may stay there, and comes no further out.
+
+        Returns
+        -------
+        tuple of float
+        """
+        low, high = self.ranges.get(name, (0.0, math.inf))
+        return min(low / flown, 1.0), max(high / flown, 1.0)
 
     def written(self, value: float) -> float:
         """Return a gain as it is written: people read it, and the promise is computed from it.

@@ -70,8 +70,8 @@ def test_an_end_that_is_off_is_not_scaled() -> None:
 
 def test_the_range_ends_at_200_before_the_sliders() -> None:
     """It was raised with them."""
-    highest = [tunable(each).axes["roll"].highest["p_roll"] for each in ({}, {"simplified_pids_mode": 0.0})]
-    assert highest == [200.0, 250.0]
+    ranges = [tunable(each).axes["roll"].ranges["p_roll"] for each in ({}, {"simplified_pids_mode": 0.0})]
+    assert ranges == [(0.0, 200.0), (0.0, 250.0)]
 
 
 def test_a_curve_of_throttle_attenuation_is_named() -> None:

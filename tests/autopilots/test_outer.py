@@ -113,8 +113,8 @@ def test_the_attitude_law_makes_the_rates_that_the_firmware_logged(
     assert max(replay.relative_rms for replay in replays.values()) < most
 
 
-def test_the_attitude_law_of_a_firmware_with_a_reference_model_is_not_judged(corpus: Path) -> None:
-    """PX4 1.18 holds the attitude against a model that follows the set-point (MC_REF_W_N)."""
+def test_the_attitude_law_of_a_firmware_with_a_reference_model_is_that_of_the_model(corpus: Path) -> None:
+    """PX4 1.18 holds the attitude against a model that follows the set-point (MC_REF_W_N): else 20 % off."""
     log = read_log(corpus / "firmware" / "px4_sih_hex_esc.ulg")
     autopilot = named("px4")
     rows, controllers = (
@@ -123,9 +123,12 @@ def test_the_attitude_law_of_a_firmware_with_a_reference_model_is_not_judged(cor
     )
     assert rows is not None
     assert controllers is not None
-    assert controllers.attitude.lags_s == (0.02, 0.02)
+    assert rows.lags_s == (0.02, 0.02)
     replays = attitude_replays(rows, controllers.attitude)
-    assert {replay.shown for replay in replays.values()} == {Shown.NOT_SHOWN}
+    # Of yaw it leaves a sixth: that is no other gain.
+    shown = {"roll": Shown.AGREES, "pitch": Shown.AGREES, "yaw": Shown.NOT_SHOWN}
+    assert {axis: replay.shown for axis, replay in replays.items()} == shown
+    assert all(replays[axis].relative_rms < 0.05 for axis in ("roll", "pitch"))
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ from quadid_logs.simulate import SCENARIOS, plan_flights
 from quadid_logs.simulate.closed_loop import Noise, Record, Setup, fly
 from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.position_hold import PositionHold
-from quadid_logs.simulate.true_loop import nominal_plant, true_controller
+from quadid_logs.simulate.true_loop import true_controller, true_plant
+from quadid_logs.simulate.truth import flight_truth
 
 ARDUPILOT: Final = PositionHold()
 PX4: Final = PositionHold(
@@ -39,14 +40,17 @@ def setup(autopilot: str, hold: PositionHold, *, seconds: float = 30.0, scenario
     return dataclasses.replace(first, position=hold, noise=_QUIET)
 
 
-def flown(autopilot: str, hold: PositionHold, *, seconds: float = 30.0) -> Record:
-    return fly(setup(autopilot, hold, seconds=seconds))
+def flown(autopilot: str, hold: PositionHold, *, seconds: float = 30.0, scenario: str = "hover") -> Record:
+    return fly(setup(autopilot, hold, seconds=seconds, scenario=scenario))
+
+
+def logged(record: Record) -> FlightLog:
+    return log_flights((record,), Logging())
 
 
 def log_of(autopilot: str, *, scenario: str = "hover", seconds: float = 30.0) -> FlightLog:
     """Return the log of a flight with the firmware's own gains."""
-    record = fly(setup(autopilot, HOLDS[autopilot], seconds=seconds, scenario=scenario))
-    return log_flights((record,), Logging())
+    return logged(flown(autopilot, HOLDS[autopilot], scenario=scenario, seconds=seconds))
 
 
 def cascade(hold: PositionHold) -> CascadeController:
@@ -64,10 +68,16 @@ def cascade(hold: PositionHold) -> CascadeController:
     )
 
 
-def true_loop(autopilot: str, hold: PositionHold) -> OuterLoop:
-    """Return the loop of the simulator's own vehicle and controllers."""
-    flight = setup(autopilot, hold)
+def true_loop(record: Record) -> OuterLoop:
+    """Return the loop of the simulator's own vehicle and controllers, at the voltage that it flew with.
+
+    The effectiveness sags with the battery where the firmware does not make up for it: PX4 by 3.7 % here.
+    """
+    (flight,) = record.setups
+    hold, truth = flight.position, flight_truth((record,), scenario="", boot_s=0.0)
+    assert hold is not None
     command = AttitudeCommand(lags_s=(hold.lag_s,) if hold.lag_s else (), forward=hold.lag_s > 0.0)
-    found = close_outer(true_controller(flight, 1), nominal_plant(flight, 1), command, cascade(hold), np.inf)
+    plant = true_plant(flight, truth, 1)
+    found = close_outer(true_controller(flight, 1), plant, command, cascade(hold), np.inf)
     assert found is not None
     return found

@@ -20,7 +20,7 @@ from tests.control.loop_flights import Vehicle
 
 VEHICLE = Vehicle()
 NAMES = GainNames(
-    scaled=("P", "I", "D"), proportional="P", integral="I", derivative="D", angle="A", highest={}
+    scaled=("P", "I", "D"), proportional="P", integral="I", derivative="D", angle="A", ranges={}
 )
 PLACED = PolePlacement(
     title="placing", rise_time_s=0.14, model_period_s=0.01, excitation_per_s=5.0, detuning=0.7,

@@ -109,11 +109,11 @@ class ArduPilot(Autopilot):
 
         return shaper_rows(log, parameters, intervals)
 
-    def tunable(self, parameters: Mapping[str, float]) -> Tunable:
+    def tunable(self, parameters: Mapping[str, float], version: tuple[int, ...] | None = None) -> Tunable:
         """ATC_RAT_* and ATC_ANG_*."""
         from quadid_logs.autopilots.ardupilot.gains import tunable
 
-        return tunable(parameters)
+        return tunable(parameters, version)
 
     def thrust_law(self, log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG002
         """MOT_THST_EXPO, MOT_BAT_VOLT_*, and the density of the air."""

@@ -1,4 +1,4 @@
-"""ArduPilot's gains of multirotors: names, documented ranges, and files of them."""
+"""ArduPilot's gains of multirotors: names, and what is no multirotor."""
 
 from __future__ import annotations
 
@@ -7,13 +7,10 @@ from collections.abc import Mapping
 from typing import Final
 
 from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES
+from quadid_logs.autopilots.ardupilot.ranges import gain_ranges
 from quadid_logs.data.autotune import Twitching
 from quadid_logs.data.tuning import GainNames, Tunable
 
-#: AC_AttitudeControl_Multi.h and AC_AttitudeControl.cpp, @Range of RAT_RLL_P, RAT_YAW_P, ANG_RLL_P ...
-_HIGHEST: Final = {"P": 0.5, "I": 2.0, "D": 0.05}
-_HIGHEST_OF_YAW: Final = {"P": 2.5, "I": 1.0, "D": 0.02}
-_HIGHEST_ANGLE: Final = 12.0
 #: AP_Motors_Class.h, FRAME_CLASS: what is no multirotor with the controllers that are known here.
 _NOT_TUNED: Final = {
     6: "a helicopter",
@@ -25,19 +22,21 @@ _NOT_TUNED: Final = {
 }
 
 
-def tunable(parameters: Mapping[str, float]) -> Tunable:
+def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = None) -> Tunable:
     """Return the gains that may be changed.
 
     Parameters
     ----------
     parameters : mapping of str to float
         Of the log.
+    version : tuple of int, optional
+        Of its firmware.
 
     Returns
     -------
     Tunable
     """
-    axes = {axis: _names(name) for axis, name in AXIS_NAMES.items()}
+    axes = {axis: _names(name, version) for axis, name in AXIS_NAMES.items()}
     return Tunable(
         axes=axes,
         obstacle=_obstacle(parameters),
@@ -60,18 +59,17 @@ def _autotune(parameters: Mapping[str, float], name: str) -> Twitching:
     )
 
 
-def _names(name: str) -> GainNames:
-    prefix, angle = f"ATC_RAT_{name}_", f"ATC_ANG_{name}_P"
-    highest = _HIGHEST_OF_YAW if name == "YAW" else _HIGHEST
+def _names(name: str, version: tuple[int, ...] | None) -> GainNames:
+    prefix = f"ATC_RAT_{name}_"
     return GainNames(
-        scaled=tuple(f"{prefix}{short}" for short in highest),
+        scaled=tuple(f"{prefix}{short}" for short in "PID"),
         proportional=f"{prefix}P",
         integral=f"{prefix}I",
         derivative=f"{prefix}D",
         filters=(f"{prefix}FLTD", "INS_GYRO_FILTER"),
         low_passes=(f"{prefix}FLTE", f"{prefix}FLTD", "INS_GYRO_FILTER"),
-        angle=angle,
-        highest={f"{prefix}{short}": value for short, value in highest.items()} | {angle: _HIGHEST_ANGLE},
+        angle=f"ATC_ANG_{name}_P",
+        ranges=gain_ranges(name, version),
     )
 
 

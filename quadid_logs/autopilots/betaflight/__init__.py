@@ -54,7 +54,11 @@ class Betaflight(BlackboxFamily):
 
         return replay_inputs(log, controllers, intervals)
 
-    def tunable(self, parameters: Mapping[str, float]) -> Tunable:
+    def tunable(
+        self,
+        parameters: Mapping[str, float],
+        version: tuple[int, ...] | None = None,  # noqa: ARG002
+    ) -> Tunable:
         """P, I and D by their names on the command line."""
         from quadid_logs.autopilots.betaflight.gains import tunable
 

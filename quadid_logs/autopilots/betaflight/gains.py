@@ -46,7 +46,7 @@ def _names(axis: str, parameters: Mapping[str, float]) -> GainNames:
         angle="",
         filters=("dterm_lpf2_static_hz", "gyro_lpf2_static_hz"),
         low_passes=tuple(one.static for one in (*GYRO_LOW_PASSES, *D_LOW_PASSES)),
-        highest=dict.fromkeys(scaled, highest),
+        ranges=dict.fromkeys(scaled, (0.0, highest)),
         whole=True,
     )
 

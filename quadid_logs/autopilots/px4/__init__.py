@@ -97,11 +97,11 @@ class Px4(Autopilot):
 
         return attitude_rows(log, parameters, intervals)
 
-    def tunable(self, parameters: Mapping[str, float]) -> Tunable:
+    def tunable(self, parameters: Mapping[str, float], version: tuple[int, ...] | None = None) -> Tunable:
         """MC_*RATE_K, and the gains behind it."""
         from quadid_logs.autopilots.px4.gains import tunable
 
-        return tunable(parameters)
+        return tunable(parameters, version)
 
     def thrust_law(self, log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG002
         """THR_MDL_FAC and MC_BAT_SCALE_EN."""

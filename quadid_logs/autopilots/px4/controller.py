@@ -41,8 +41,9 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.vocabulary import AXES
 
 #: Versions whose rate_control.cpp, MulticopterRateControl.cpp, AttitudeControl.cpp and
-#: VehicleAngularVelocity.cpp were read.
-VERSIONS_READ: Final = ((1, 18),)
+#: VehicleAngularVelocity.cpp were read: what is linear in them is the same, but that MC_YAW_TQ_CUTOFF came
+#: with 1.16.
+VERSIONS_READ: Final = ((1, 14), (1, 15), (1, 16), (1, 18))
 #: As parameters name them: MC_ROLLRATE_P, MC_ROLL_P, MC_RR_INT_LIM.
 AXIS_NAMES: Final = dict(zip(AXES, (("ROLL", "RR"), ("PITCH", "PR"), ("YAW", "YR")), strict=True))
 _NEEDED: Final = ("P", "I", "D")

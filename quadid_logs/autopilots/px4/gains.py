@@ -1,4 +1,4 @@
-"""PX4's gains of multirotors: names, documented ranges, and what is no multirotor."""
+"""PX4's gains of multirotors: names, and what is no multirotor."""
 
 from __future__ import annotations
 
@@ -7,17 +7,10 @@ from collections.abc import Mapping
 from typing import Final
 
 from quadid_logs.autopilots.px4.controller import AXIS_NAMES
+from quadid_logs.autopilots.px4.ranges import gain_ranges
 from quadid_logs.data.autotune import PolePlacement
 from quadid_logs.data.tuning import GainNames, Tunable
 
-#: mc_rate_control_params.c, @max, and max of its successor in YAML: I has none, nor has D of pitch and yaw.
-_HIGHEST: Final = {
-    "ROLL": {"K": 5.0, "P": 0.5, "D": 0.01},
-    "PITCH": {"K": 5.0, "P": 0.6},
-    "YAW": {"K": 5.0, "P": 0.6},
-}
-#: mc_att_control_params.c, @max, and max of its successor in YAML.
-_HIGHEST_ANGLE: Final = {"ROLL": 12.0, "PITCH": 12.0, "YAW": 5.0}
 _FILTERS: Final = ("IMU_DGYRO_CUTOFF", "IMU_GYRO_CUTOFF")
 #: Of CA_AIRFRAME: a multirotor, and one with tilted rotors.
 _MULTIROTORS: Final = (0.0, 6.0)
@@ -25,20 +18,22 @@ _MULTIROTORS: Final = (0.0, 6.0)
 _NOT_TUNED: Final = {1: "a plane", 4: "a helicopter", **dict.fromkeys(range(19, 26), "a VTOL")}
 
 
-def tunable(parameters: Mapping[str, float]) -> Tunable:
+def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = None) -> Tunable:
     """Return the gains that may be changed.
 
     Parameters
     ----------
     parameters : mapping of str to float
         Of the log.
+    version : tuple of int, optional
+        Of its firmware.
 
     Returns
     -------
     Tunable
         P, I and D together are scaled by MC_ROLLRATE_K and its likes where the firmware has them.
     """
-    axes = {axis: _names(name, parameters) for axis, (name, _) in AXIS_NAMES.items()}
+    axes = {axis: _names(name, parameters, version) for axis, (name, _) in AXIS_NAMES.items()}
     return Tunable(
         axes=axes,
         obstacle=_obstacle(parameters),
@@ -63,8 +58,8 @@ def _autotune(parameters: Mapping[str, float], name: str) -> PolePlacement:
     )
 
 
-def _names(name: str, parameters: Mapping[str, float]) -> GainNames:
-    prefix, angle = f"MC_{name}RATE_", f"MC_{name}_P"
+def _names(name: str, parameters: Mapping[str, float], version: tuple[int, ...] | None) -> GainNames:
+    prefix = f"MC_{name}RATE_"
     # Before 1.10 there is no K.
     common = (f"{prefix}K",) if f"{prefix}K" in parameters else tuple(f"{prefix}{one}" for one in "PID")
     return GainNames(
@@ -74,9 +69,8 @@ def _names(name: str, parameters: Mapping[str, float]) -> GainNames:
         derivative=f"{prefix}D",
         filters=_FILTERS,
         low_passes=_FILTERS if name != "YAW" else (*_FILTERS, "MC_YAW_TQ_CUTOFF"),
-        angle=angle,
-        highest={f"{prefix}{short}": value for short, value in _HIGHEST[name].items()}
-        | {angle: _HIGHEST_ANGLE[name]},
+        angle=f"MC_{name}_P",
+        ranges=gain_ranges(name, version),
     )
 
 

@@ -7,6 +7,7 @@ MulticopterPositionControl.cpp; before 1.12 velocity gains were of thrust, which
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.autopilots.loop_rows import Interval, last_before, possible, within
 from quadid_logs.autopilots.px4.controller import AXIS_NAMES
+from quadid_logs.autopilots.px4.reference_model import followed
 from quadid_logs.autopilots.px4.signals import sample_time_s
 from quadid_logs.autopilots.sources import stacked
 from quadid_logs.autopilots.versions import finite
@@ -48,6 +50,8 @@ TOPICS: Final = frozenset({_SETPOINT, _STATE, _TRAJECTORY})
 _DIRECTIONS: Final = (("north", "x", 0), ("east", "y", 1))
 #: A set-point that is fed forward and older than this is not the one that was used [s].
 _OLDEST_S: Final = 0.06
+#: Ten times what the firmware documents of MC_REF_W_N: a model as fast as this is none.
+_FASTEST_RAD_S: Final = 2000.0
 _CASCADE: Final = ("MPC_XY_P", "MPC_XY_VEL_P_ACC", "MPC_XY_VEL_I_ACC", "MPC_XY_VEL_D_ACC")
 _SLOPE_HZ: Final = "MPC_VELD_LP"
 _DEFAULT_SLOPE_HZ: Final = 5.0
@@ -144,7 +148,8 @@ def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
     -----
     The vertical controller is left out: the estimator of the hover thrust moves its integral. Firmware with
     MC_REF_W_N follows the set-point by a critically damped model of second order, and holds the
-    attitude against that one.
+    attitude against that one; without MC_REF_FF later builds hold it against the set-point itself, which the
+    rows tell.
     """
     model_rad_s = finite(parameters.get("MC_REF_W_N"))
     modelled = model_rad_s is not None and model_rad_s > 0.0
@@ -157,7 +162,7 @@ def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
     return OuterControllers(
         attitude=AttitudeCommand(
             lags_s=(1.0 / model_rad_s,) * 2 if modelled and model_rad_s is not None else (),
-            not_modelled=("MC_REF_W_N",) if modelled else (),
+            not_modelled=("MC_REF_FF",) if modelled and parameters.get("MC_REF_FF", 0.0) > 0.0 else (),
             gains={name: parameters[name] for name in names if name in parameters},
         ),
         horizontal=_horizontal(parameters),
@@ -230,13 +235,39 @@ def attitude_rows(
     else:
         return None
     body = quaternion_from_euler(attitude.values[now[chosen]])
-    error = multiply_quaternions(conjugate(body), quaternion_from_euler(wanted.values[asked[chosen]]))
-    return AttitudeRows(
+    rows = AttitudeRows(
         time_s=rate.time_s[chosen],
-        from_error=_from_error(error, [float(gain or 0.0) for gain in gains], parameters),
+        from_error=np.zeros((chosen.size, 3)),
         forward=rotation_matrix(body)[:, 2, :] * _yaw_rate(log, rate.time_s[chosen])[:, np.newaxis],
         logged=rate.values[chosen],
     )
+    targets: dict[tuple[float, ...], FloatArray] = {(): quaternion_from_euler(wanted.values[asked[chosen]])}
+    natural = finite(parameters.get("MC_REF_W_N"))
+    if natural is not None and natural > 0.0:
+        natural = min(natural, _FASTEST_RAD_S)
+        targets[(1.0 / natural,) * 2] = _followed(log, attitude, wanted, natural)[now[chosen]]
+    some = [float(gain or 0.0) for gain in gains]
+    made = {
+        lags_s: _from_error(multiply_quaternions(conjugate(body), target), some, parameters)
+        for lags_s, target in targets.items()
+    }
+    lags_s = min(made, key=lambda one: _left(rows, made[one]))
+    if len(made) == 1:
+        return replace(rows, from_error=made[lags_s])
+    # Of yaw the model leaves a sixth, and nobody knows why.
+    return replace(rows, from_error=made[lags_s], lags_s=lags_s, not_judged=("yaw",) if lags_s else ())
+
+
+def _left(rows: AttitudeRows, made: FloatArray) -> float:
+    """Return what a law leaves of roll and pitch rates, a median."""
+    return float(np.median(np.abs(made + rows.forward - rows.logged)[:, :2]))
+
+
+def _followed(log: FlightLog, attitude: Signal, wanted: Signal, natural_rad_s: float) -> FloatArray:
+    """Return the attitude that the reference model had at each row of the attitude."""
+    _, row = last_before(wanted.time_s, attitude.time_s)
+    targets = quaternion_from_euler(np.nan_to_num(wanted.values[np.maximum(row, 0)]))
+    return followed(targets, _yaw_rate(log, attitude.time_s), attitude.time_s, natural_rad_s)
 
 
 def _latest(signal: Signal, time_s: FloatArray, oldest_s: float) -> tuple[IntArray, BoolArray]:
