@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import (
@@ -23,6 +22,7 @@ from quadid_logs.data.model import (
 )
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.excitation import LEAST_BANDWIDTH, MOST_IN_ONE_LINE, holds_one_frequency
+from quadid_logs.identify.flights_differ import of_all_axes
 from quadid_logs.identify.parameters import is_explained
 from quadid_logs.identify.spectral_effects import AVERAGED
 from quadid_logs.identify.structural import (
@@ -361,20 +361,11 @@ def _whole_model(check: StructuralCheck, period_s: float) -> Iterator[Finding]:
     if not len(gain):
         return
     # Battery, load and air change the effectiveness about all axes alike.
-    common = _flights(*_of_all_axes(gain, half_width))
+    common = _flights(*of_all_axes(gain, half_width))
     for number, axis in enumerate(AXES):
         differing = _flights(gain[:, number], half_width[:, number]) or common
         if differing is not None:
             yield finding("QL529", "warning", differing, axes=(axis,))
-
-
-def _of_all_axes(gain: FloatArray, half_width: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return each flight's effectiveness about all axes together, and its half width; (n_flights,) each."""
-    weight = np.where(np.isfinite(gain) & (half_width > 0.0), half_width, np.inf) ** -2.0
-    known = weight.sum(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.sum(weight * np.nan_to_num(gain), axis=1) / known
-        return np.where(known > 0.0, mean, np.nan), np.where(known > 0.0, known**-0.5, np.nan)
 
 
 def _flights(gain: np.ndarray, half_width: np.ndarray) -> dict[str, object] | None:

@@ -32,6 +32,7 @@ from quadid_logs.identify.excitation import (
     turns,
 )
 from quadid_logs.identify.first_stage import told_axes, with_strong_instruments
+from quadid_logs.identify.flights_differ import with_flights_beside
 from quadid_logs.identify.model import actuated_model, explained_accelerations
 from quadid_logs.identify.published import fit_as_published
 from quadid_logs.identify.response import SAMPLES_PER_CYCLE, Band, fitted_band, responses
@@ -146,8 +147,8 @@ def identify(
             identified, models[0].structure, spectral, told_again, data, design, structures, settings
         )
     in_time = [axis for axis in range(len(spectral)) if axis not in told_again]
-    beside = tuple(with_effects_beside(each, spectral, in_time) for each in identified.models)
-    identified = replace(identified, models=beside)
+    beside = (with_effects_beside(each, spectral, in_time) for each in identified.models)
+    identified = replace(identified, models=tuple(with_flights_beside(each) for each in beside))
     spectral = tuple(replace(each, used=axis in told_again) for axis, each in enumerate(spectral))
     return replace(identified, responses=found, thrust_curve=curve, spectral=spectral)
 
