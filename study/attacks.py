@@ -210,11 +210,14 @@ def with_cut_torque(log: FlightLog, *, step: float) -> FlightLog:
 
 
 def with_outages(log: FlightLog, every_s: float = 0.9, lost_s: float = 0.044) -> FlightLog:
-    """Return the log without the rows of each outage."""
+    """Return the log without the rows of each outage; what is told once, as that motors are armed, stays."""
     signals = {}
     for name, each in log.signals.items():
         kept = []
         for signal in each:
+            if signal.rows.time_s.size < log.signals["body_rate"][0].rows.time_s.size // 20:
+                kept.append(signal)
+                continue
             keep = np.mod(signal.rows.time_s, every_s) >= lost_s
             rows = dataclasses.replace(
                 signal.rows, time_s=signal.rows.time_s[keep], position=signal.rows.position[keep]
