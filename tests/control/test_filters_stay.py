@@ -21,7 +21,7 @@ def test_filters_stay_where_gains_alone_leave_less_of_gusts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of this vehicle the search's own choice leaves more on roll."""
-    scenario, setting, _ = study.draw_vehicle(1, 46)
+    scenario, setting, _ = study.draw_vehicle(1, 14)
     record = fly(study._setup(scenario, setting, 1))
     write_log(log_flights((record,), scenario.logging), tmp_path / "flight.bin")
     flown = analyze(tmp_path / "flight.bin")
