@@ -57,10 +57,13 @@ def with_flights_beside(model: Model) -> Model:
     for axis, name in enumerate(AXES):
         gain, half_width = check.flight_gain[:, axis], check.flight_half_width[:, axis]
         old = model.entries[ON_AXIS[name]]
-        if not (np.isfinite(old.ci95).all() and (common or _differ(gain, half_width))):
+        if not (old.value and np.isfinite(old.ci95).all() and (common or _differ(gain, half_width))):
             continue
-        low, high = (_farthest(gain, half_width, end / old.value - 1.0) for end in old.ci95)
-        new = replace(old, ci95=(old.value * low, old.value * high))
+        low, high = (
+            old.value * _farthest(gain, half_width, end / old.value, side if old.value > 0.0 else -side)
+            for side, end in zip((-1.0, 1.0), old.ci95, strict=True)
+        )
+        new = replace(old, ci95=(low, high))
         parameters = [new if each is old else each for each in parameters]
     return replace(model, parameters=tuple(parameters))
 
@@ -69,12 +72,12 @@ def _differ(gain: FloatArray, half_width: FloatArray) -> bool:
     return bool(np.isfinite(gain).any()) and random_effect(gain, half_width).p_value < _ALIKE
 
 
-def _farthest(gain: FloatArray, half_width: FloatArray, beyond: float) -> float:
+def _farthest(gain: FloatArray, half_width: FloatArray, end: float, side: float) -> float:
     """Return the farthest end of the intervals of flights, each as far beyond its flight as that of all.
 
-    Gyros, and what else all flights have in common, are in the interval of all; ``beyond`` is its end over
-    the effectiveness, less one.
+    Gyros, and what else all flights have in common, are in the interval of all, which ends at ``end`` over
+    the effectiveness; ``side`` is -1 below and 1 above. A flight of which nothing is known moves nothing.
     """
     known = np.isfinite(gain) & np.isfinite(half_width)
-    ends = np.copysign(np.hypot(half_width[known], beyond), beyond) + gain[known]
-    return float(max(ends.max(), 1.0 + beyond) if beyond > 0.0 else min(ends.min(), 1.0 + beyond))
+    ends = gain[known] + side * np.hypot(half_width[known], end - 1.0)
+    return side * float(np.max(side * ends, initial=side * end))

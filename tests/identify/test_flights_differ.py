@@ -67,3 +67,11 @@ def test_of_many_short_flights_each_is_too_little_known_to_be_held() -> None:
     flights = [[1.0 + offset] * 3 for offset in (-0.3, -0.1, 0.0, 0.1, 0.3)]
     before, after = told(flights, 0.05)
     assert after is before
+
+
+def test_an_axis_that_no_flight_shows_stays_as_it_is() -> None:
+    """Roll and pitch differ; of yaw nothing is known."""
+    nan = float("nan")
+    before, after = told([[0.96, 0.96, nan], [1.04, 1.04, nan]], 0.01)
+    assert after.entries[ON_AXIS["yaw"]].ci95 == pytest.approx(before.entries[ON_AXIS["yaw"]].ci95)
+    assert roll(after)[1] > roll(before)[1]
