@@ -16,10 +16,10 @@ from quadid_logs.data.autotune import AutotuneForecast, PolePlacement, Procedure
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import GainNames
+from quadid_logs.maths.normal import ENDS_95
 
 #: The estimate and so many vehicles around it: an interval is not a tail's last per cent.
 _N_VEHICLES: Final = 61
-_CI: Final = (0.025, 0.975)
 
 
 def forecast(
@@ -90,7 +90,7 @@ def _gains(
 
 
 def _interval(values: FloatArray) -> tuple[float, float]:
-    low, high = np.quantile(values, _CI, method="nearest")
+    low, high = np.quantile(values, ENDS_95, method="nearest")
     return float(low), float(high)
 
 

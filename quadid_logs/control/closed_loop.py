@@ -41,6 +41,7 @@ from quadid_logs.data.controller import AxisController, FlownControllers, Replay
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Model
 from quadid_logs.maths.band import ComplexArray, delay_response
+from quadid_logs.maths.normal import ENDS_95
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 #: What of a loop is wanted: everything, or what the verdicts rest on.
@@ -51,7 +52,6 @@ _AT_MIXER: Final = 2.0
 #: Below this [Hz], and denser than every so many, curves are not drawn.
 _LOWEST_DRAWN_HZ = 0.1
 _EVERY = 3
-_CI = (0.025, 0.975)
 #: The broken loop is only drawn: its bands may overlap, so that one reaches the end of a sweep.
 _BROKEN_PER_OCTAVE: Final = 6
 
@@ -337,8 +337,8 @@ def _curve(closed: Loop, known_hz: float) -> LoopCurve:
     frequency_hz, loop = closed.frequency_hz, closed.rate if closed.full is None else closed.full
     drawn = np.flatnonzero(frequency_hz >= _LOWEST_DRAWN_HZ)[::_EVERY]
     gain, phase = np.abs(loop[:, drawn]), _phase(loop[:, drawn])
-    gain_low, gain_high = np.quantile(gain, _CI, axis=0)
-    phase_low, phase_high = np.quantile(phase, _CI, axis=0)
+    gain_low, gain_high = np.quantile(gain, ENDS_95, axis=0)
+    phase_low, phase_high = np.quantile(phase, ENDS_95, axis=0)
     return LoopCurve(
         frequency_hz=frequency_hz[drawn],
         response=loop[0, drawn],

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.closed_loop import Estimated, Margins
 from quadid_logs.maths.band import ComplexArray
+from quadid_logs.maths.normal import ENDS_95
 
 #: Of dynamics that nobody measured: two steps of a slow control loop, an output board's queue (5.4 ms is
 #: documented of one), a stiff frame's first mode.
 UNMODELLED_DELAY_S: Final = 0.005
-_CI = (0.025, 0.975)
 #: Where modes of frames are, and a third of the relative half width of the sharpest of them.
 _MODES_HZ: Final = (5.0, 75.0)
 _FINE_STEP: Final = 0.003
@@ -155,7 +155,7 @@ def _estimated(values: FloatArray, worse: FloatArray) -> Estimated | None:
 
 def _nearest(values: FloatArray) -> FloatArray:
     """Return the values nearest to the quantiles; numpy.quantile takes as long as all figures of a loop."""
-    places = np.rint((values.size - 1) * np.array(_CI)).astype(np.int64)
+    places = np.rint((values.size - 1) * np.array(ENDS_95)).astype(np.int64)
     return np.asarray(np.sort(values)[places])
 
 

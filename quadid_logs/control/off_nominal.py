@@ -32,7 +32,7 @@ from quadid_logs.data.closed_loop import Estimated, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.off_nominal import Condition, ConditionKind, ConditionMargins, Ranges, ThrustLaw
 from quadid_logs.data.tuning import Limits
-from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.maths.normal import ENDS_95, NORMAL_95
 
 #: Voltage of a lithium-polymer cell that is full, and where pilots are warned to land (docs/health.md) [V].
 FULL_V: Final = 4.2
@@ -42,7 +42,6 @@ _EXPOS: Final = (0.2, 0.8)
 #: Part of full thrust that carries a multirotor, where the throttle was not logged: from two to five times
 #: its weight.
 _HOVERS: Final = (0.2, 0.5)
-_CI: Final = (0.025, 0.975)
 _SEED: Final = 3
 _N_CURVE: Final = 2001
 #: The estimate, and so many of the drawn vehicles: the 2.5 % quantile is known to a quarter of a standard
@@ -351,5 +350,5 @@ def _around(loops: ScaledLoops, by: Factors) -> ScaledLoops:
 
 
 def _estimated(values: FloatArray) -> Estimated:
-    low, high = np.quantile(values, _CI)
+    low, high = np.quantile(values, ENDS_95)
     return Estimated(float(values[0]), (float(low), float(high)))

@@ -37,6 +37,7 @@ from quadid_logs.data.outer_loops import (
 )
 from quadid_logs.maths.band import ComplexArray, delay_response
 from quadid_logs.maths.intervals import following_rows, inside
+from quadid_logs.maths.normal import ENDS_95
 from quadid_logs.maths.recurrence import low_pass
 from quadid_logs.maths.student import student_95
 from quadid_logs.vocabulary import AXES
@@ -64,7 +65,6 @@ _IMPOSSIBLE: Final = 1e6
 _STEEPEST_M_S2: Final = 50.0
 #: Above, velocity and position loops have no gain.
 _HIGHEST_HZ: Final = 30.0
-_CI: Final = (0.025, 0.975)
 
 
 def outer_loops(
@@ -395,7 +395,7 @@ def close_outer(
     velocity, position = cascade_loops(cascade, tilts, frequency_hz)
     n = 1 + int(cascade.integral_per_s2 > 0.0)
     widths_hz = bandwidth_hz(frequency_hz, tilts)
-    low, high = np.quantile(widths_hz, _CI)
+    low, high = np.quantile(widths_hz, ENDS_95)
     return OuterLoop(
         attitude_hz=Estimated(float(widths_hz[0]), (float(low), float(high))),
         velocity=margins_of(frequency_hz, velocity, n, unstable, known_hz),

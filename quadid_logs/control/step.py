@@ -13,6 +13,7 @@ from quadid_logs.control.margins import is_stable
 from quadid_logs.data.closed_loop import Estimated, Plant, Step
 from quadid_logs.data.controller import AxisController
 from quadid_logs.maths.band import ComplexArray
+from quadid_logs.maths.normal import ENDS_95
 
 #: A rate loop that is of use has settled by then [s].
 _LENGTH_S: Final = 4.0
@@ -26,7 +27,6 @@ _END = 8
 _FEWEST_BANDS = 4
 #: Settled: within a twentieth of where it ends.
 _SETTLED = 0.05
-_CI = (0.025, 0.975)
 
 
 def step_of(controller: AxisController, plants: Plant, closed: Response | None = None) -> Step | None:
@@ -83,7 +83,7 @@ def _step(
     impulse = np.fft.irfft(target_to_rate[stable], 2 * n_samples, axis=1)
     steps = np.cumsum(impulse, axis=1, dtype=np.float64)[:, :n_samples]
     time_s = max(controller.period_s, _FINEST_S) * np.arange(n_samples, dtype=np.float64)
-    low, high = np.quantile(steps, _CI, axis=0) if len(steps) > 1 else (steps[0], steps[0])
+    low, high = np.quantile(steps, ENDS_95, axis=0) if len(steps) > 1 else (steps[0], steps[0])
     figures = _figures(time_s, steps)
     measured = None
     if closed is not None and closed.frequency_hz.size >= _FEWEST_BANDS:
@@ -118,5 +118,5 @@ def _figures(time_s: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def _estimated(values: FloatArray) -> Estimated:
-    low, high = np.quantile(values, _CI, method="nearest")
+    low, high = np.quantile(values, ENDS_95, method="nearest")
     return Estimated(float(values[0]), (float(min(low, values[0])), float(max(high, values[0]))))

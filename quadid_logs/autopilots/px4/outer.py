@@ -151,8 +151,7 @@ def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
     attitude against that one; without MC_REF_FF later builds hold it against the set-point itself, which the
     rows tell.
     """
-    model_rad_s = finite(parameters.get("MC_REF_W_N"))
-    modelled = model_rad_s is not None and model_rad_s > 0.0
+    natural = _natural_rad_s(parameters)
     names = (
         "MC_YAW_WEIGHT",
         "MC_REF_W_N",
@@ -161,12 +160,17 @@ def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
     )
     return OuterControllers(
         attitude=AttitudeCommand(
-            lags_s=(1.0 / model_rad_s,) * 2 if modelled and model_rad_s is not None else (),
-            not_modelled=("MC_REF_FF",) if modelled and parameters.get("MC_REF_FF", 0.0) > 0.0 else (),
+            lags_s=(1.0 / natural,) * 2 if natural else (),
+            not_modelled=("MC_REF_FF",) if natural and parameters.get("MC_REF_FF", 0.0) > 0.0 else (),
             gains={name: parameters[name] for name in names if name in parameters},
         ),
         horizontal=_horizontal(parameters),
     )
+
+
+def _natural_rad_s(parameters: Mapping[str, float]) -> float:
+    """Return the natural frequency of the reference model; 0 for none."""
+    return max(finite(parameters.get("MC_REF_W_N")) or 0.0, 0.0)
 
 
 def _horizontal(parameters: Mapping[str, float]) -> CascadeController | None:
@@ -242,9 +246,8 @@ def attitude_rows(
         logged=rate.values[chosen],
     )
     targets: dict[tuple[float, ...], FloatArray] = {(): quaternion_from_euler(wanted.values[asked[chosen]])}
-    natural = finite(parameters.get("MC_REF_W_N"))
-    if natural is not None and natural > 0.0:
-        natural = min(natural, _FASTEST_RAD_S)
+    natural = min(_natural_rad_s(parameters), _FASTEST_RAD_S)
+    if natural:
         targets[(1.0 / natural,) * 2] = _followed(log, attitude, wanted, natural)[now[chosen]]
     some = [float(gain or 0.0) for gain in gains]
     made = {
