@@ -610,6 +610,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 step="fly",
             ),
             _entry(
+                "QL536",
+                "The vehicle's balance moved in flight: a motor may have lost thrust",
+                "The thrust that holds the vehicle level moved to another place during the flight. A load "
+                "that slips does that, and so does a motor that loses thrust. A motor that gives less lowers "
+                "the effectiveness of the axes that it turns. The evidence says to which fraction of what it "
+                "was before. The interval holds both.",
+                "Look at the motor or the load. Then fly once more, or analyze the parts before and after by "
+                "themselves, with --start-s and --end-s.",
+            ),
+            _entry(
                 "QL512",
                 "The inertia is implausible for a multirotor",
                 "A body's largest moment of inertia is at most the sum of the other two, and a "
