@@ -114,7 +114,7 @@ def with_effects_beside(model: Model, fits: Sequence[SpectralFit], axes: Sequenc
     """
     for axis in axes:
         fit, old = fits[axis], model.entries[ON_AXIS[AXES[axis]]]
-        if not (fit.is_described and fit.follows_commands and np.isfinite([*old.ci95, fit.by_effects]).all()):
+        if not (fit.follows_commands and np.isfinite([*old.ci95, fit.by_effects]).all()):
             continue
         more = fit.by_effects * abs(old.value)
         low, high = (
