@@ -263,23 +263,21 @@ def _dead_zone_weight(level: FloatArray, described: InputDescription | None) -> 
 
 
 def _cut_steps(signals: FlownSignals) -> Iterator[EffectColumn]:
-    """Yield what is missing in a torque that was logged in whole steps if these were cut, not rounded.
+    """Yield what is missing in torques that were logged in whole steps if these were cut, not rounded.
 
-    The coefficient is the effectiveness itself if they were, and none if they were not.
+    One logger writes all axes: the coefficient is one if it cuts, and none if it rounds.
     """
     described = signals.data.input
-    for axis in signals.moved:
-        step = 0.0 if described is None else described.grid[axis]
-        if step:
-            added = Loss("cut steps", partial(_missing, step=step), 1.0)
-            column = signals.of_loss(added, spread=1.0)
-            if column is not None:
-                yield column._replace(axes=(axis,))
+    if described is not None and any(described.grid):
+        lost = partial(_missing, steps=np.array(described.grid, dtype=np.float64))
+        column = signals.of_loss(Loss("cut steps", lost, 1.0), spread=1.0)
+        if column is not None:
+            yield column
 
 
-def _missing(torque: FloatArray, step: float) -> FloatArray:
+def _missing(torque: FloatArray, steps: FloatArray) -> FloatArray:
     """Return half a step against the direction of each torque: lost, it is added."""
-    return np.asarray(-half_steps(torque, step))
+    return np.asarray(-half_steps(torque, steps))
 
 
 def _losses_of_rotors(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[Loss]:
