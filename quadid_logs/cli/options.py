@@ -46,7 +46,8 @@ AxisNames = Annotated[
     typer.Option(
         "--axes",
         metavar="AXIS,...",
-        help="Axes that the flight is for, as roll,pitch: the exit code is theirs [default: all].",
+        help="Axes that the flight is for, as roll,pitch: the exit code is theirs [default: those that the "
+        "log's system-identification mode swept, or all].",
         autocompletion=axes,
     ),
 ]
@@ -88,14 +89,14 @@ def settings_of(
 
 
 def axes_of(text: str) -> tuple[str, ...]:
-    """Return the axes that a text names between commas, all where it names none.
+    """Return the axes that a text names between commas.
 
     Raises
     ------
     SettingsError
         If one is no axis.
     """
-    names = [name.strip().lower() for name in text.split(",")] if text.strip() else list(AXES)
+    names = [name.strip().lower() for name in text.split(",")] if text.strip() else []
     for name in names:
         if name not in AXES:
             raise SettingsError(

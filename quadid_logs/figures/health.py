@@ -46,10 +46,21 @@ def health_figures(result: Result) -> list[Figure | LeftOut]:
     list of Figure or LeftOut
     """
     health = result.health or Health(missing=dict.fromkeys(_TITLES, _NOT_LOOKED_AT))
+    # Show the angles that were commanded over those that were flown.
+    if health.attitude is None:
+        angles: Figure | None = None
+    else:
+        angles = _followed(
+            result,
+            "attitude",
+            ("attitude", "attitude_setpoint"),
+            Axis(label="angle", unit="deg"),
+            f"{_said(health.attitude)} The wide line is the vehicle, the thin one its set-point.",
+        )
     made: dict[str, Figure | None] = {
         "tracking": _desired_and_actual(result, health),
         "rates": _course(health.rates, "rates"),
-        "attitude": _angles(result, health),
+        "attitude": angles,
         "tilt": _course(health.tilt, "tilt"),
         "steps": _steps(health),
         "noise": _spectrum(health, result.data.gyro_filter),
@@ -130,19 +141,6 @@ def _desired_and_actual(result: Result, health: Health) -> Figure | None:
         f"{_said(health.tracking)} A loop that follows brings the wide line under the thin one, a little "
         "later. A rate that swings while its set-point is calm is an oscillation; one that stays short of it "
         "meets a limit.",
-    )
-
-
-def _angles(result: Result, health: Health) -> Figure | None:
-    """Show the angles that were commanded over those that were flown."""
-    if health.attitude is None:
-        return None
-    return _followed(
-        result,
-        "attitude",
-        ("attitude", "attitude_setpoint"),
-        Axis(label="angle", unit="deg"),
-        f"{_said(health.attitude)} The wide line is the vehicle, the thin one its set-point.",
     )
 
 

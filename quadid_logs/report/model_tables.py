@@ -52,7 +52,19 @@ def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
         caption = f"{_A_CAPTION} [rad/s² per unit of the regressor]"
         tables.append(_matrix(model, _columns(model, chosen), chosen, caption, refused))
     if model.inertia is not None:
-        tables.append(_inertia(model.inertia, refused_axes(result)))
+        # The inertia tensor with its intervals; what rests on a refused axis is grey.
+        distrusted = refused_axes(result)
+        names = ("x", "y", "z")
+        rows = tuple(
+            (
+                Cell(text=name, detail=_DISTRUSTED if distrusted[i] else ""),
+                *(_moment(model.inertia, i, j, weak=distrusted[i] or distrusted[j]) for j in range(3)),
+            )
+            for i, name in enumerate(names)
+        )
+        tables.append(
+            Table(caption="Inertia tensor about the centre of mass [kg m²]", head=("", *names), rows=rows)
+        )
     return tuple(tables)
 
 
@@ -170,19 +182,6 @@ def _moment(inertia: Inertia, i: int, j: int, *, weak: bool) -> Cell:
     """Return one entry of the tensor."""
     ends = float(inertia.ci95_low[i, j]), float(inertia.ci95_high[i, j])
     return Cell(text=resolved(float(inertia.matrix[i, j]), *ends), detail=interval(*ends), weak=weak)
-
-
-def _inertia(inertia: Inertia, distrusted: tuple[bool, ...]) -> Table:
-    """Return the inertia tensor with its intervals; what rests on a refused axis is grey."""
-    names = ("x", "y", "z")
-    rows = tuple(
-        (
-            Cell(text=name, detail=_DISTRUSTED if distrusted[i] else ""),
-            *(_moment(inertia, i, j, weak=distrusted[i] or distrusted[j]) for j in range(3)),
-        )
-        for i, name in enumerate(names)
-    )
-    return Table(caption="Inertia tensor about the centre of mass [kg m²]", head=("", *names), rows=rows)
 
 
 def _published(inertia: Inertia, result: Result) -> Table:

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from quadid_logs.control.outer_findings import outermost
 from quadid_logs.data.closed_loop import Estimated, Margins
-from quadid_logs.data.outer_loops import CascadeReplay, OuterControllers, OuterLoop, OuterLoops, Shown
+from quadid_logs.data.outer_loops import CascadeReplay, OuterLoop, OuterLoops, Shown
 from quadid_logs.report.cells import Cell, Table, estimated_cell
 from quadid_logs.report.numbers import number
 
@@ -167,8 +167,12 @@ def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | 
     """
     if outer is None:
         return None
+    # The parameters of all outer controllers.
+    gains = dict(outer.controllers.attitude.gains)
+    for each in (outer.controllers.horizontal, outer.controllers.vertical):
+        gains |= {} if each is None else each.gains
     return {
-        "gains": _gains(outer.controllers),
+        "gains": gains,
         "attitude": {
             axis: {
                 "shown": found.shown.value,
@@ -196,14 +200,6 @@ def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | 
             for axis, found in outer.loops.items()
         },
     }
-
-
-def _gains(known: OuterControllers) -> dict[str, float]:
-    """Return the parameters of all outer controllers."""
-    gains = dict(known.attitude.gains)
-    for each in (known.horizontal, known.vertical):
-        gains |= {} if each is None else each.gains
-    return gains
 
 
 def _cascade(found: CascadeReplay) -> dict[str, Any]:
