@@ -424,7 +424,7 @@ def notes(figures: LiveFigures) -> tuple[str, ...]:
     saturated = figures.saturated > _SATURATED
     limit = f"The motors were at their limits in {100.0 * figures.saturated:.0f} % of the flight."
     scaled = figures.unit == "N m" and any(axis.half_width < 1.0 for axis in figures.axes)
-    calibration = "Per N m as the parameters say: what they are off is not in the intervals."
+    calibration = "Per N m by the parameters: the intervals leave their error out."
     return tuple(
         filter(None, (limit if saturated else "", figures.oscillation, calibration if scaled else ""))
     )

@@ -170,7 +170,13 @@ def _rotor(path: Path, table: Mapping[str, Any]) -> Rotor:
         raise _wrong(
             path, f"spin is {printable(table['spin'], 40)!r}", 'Give "ccw" or "cw", seen from above.'
         )
-    position = _array(path, "position_m", table["position_m"], ((3,),), "Give [x, y, z] in metres, FRD.")
+    position = _array(
+        path,
+        "position_m",
+        table["position_m"],
+        ((3,),),
+        "Give [x, y, z] in metres: to the front, to the right, down.",
+    )
     x, y, z = (float(value) for value in position)
     return Rotor(position_m=(x, y, z), spin=table["spin"])
 

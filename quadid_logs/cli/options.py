@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 StartS = Annotated[
     float | None,
     typer.Option(
-        "--start-s", metavar="S", help="Leave out what is before, on the log's clock as info shows it [s]."
+        "--start-s", metavar="S", help="Leave out everything before, on the log's clock as info shows it [s]."
     ),
 ]
 EndS = Annotated[
     float | None,
-    typer.Option("--end-s", metavar="S", help="Leave out what is after, on the same clock [s]."),
+    typer.Option("--end-s", metavar="S", help="Leave out everything after, on the same clock [s]."),
 ]
 Band = Annotated[
     tuple[float, float] | None,

@@ -18,7 +18,7 @@ from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
 KEY: Final = "evidence"
 _TITLE = "Validation data: measured and predicted rates"
-_OF_AIR = " Air moves an axis 'by commands', too: only its response to commands is judged."
+_OF_AIR = " Air also moves an axis marked 'by commands', so only its response to commands is judged."
 #: As long as an eye can follow a manoeuvre [s].
 _CLOSE_LOOK_S = 5.0
 #: The band holds this fraction of the held-out errors.

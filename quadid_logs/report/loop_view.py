@@ -51,10 +51,10 @@ def loop_view(result: Result) -> LoopView:
             why_none = "Several logs may have been flown with several controllers."
         else:
             why_none = "The controller that flew is not known."
-        return LoopView(intro=f"{why_none} Nothing is said of the loop.", sentences=(), margins=None)
+        return LoopView(intro=f"{why_none} The loop is not judged.", sentences=(), margins=None)
     if not loop.axes:
         text = "The log's parameters do not describe the controller, or it has parts that are not modelled."
-        return LoopView(intro=f"{text} Nothing is said of the loop.", sentences=(), margins=None)
+        return LoopView(intro=f"{text} The loop is not judged.", sentences=(), margins=None)
     return LoopView(
         intro=_intro(loop),
         sentences=(
@@ -94,7 +94,7 @@ def _intro(loop: ClosedLoop) -> str:
     if controllers.version_read == "read":
         return text
     law = printable(controllers.version_note, 40)
-    return f"{text} The law is that of version {law}, the nearest that was read."
+    return f"{text} The control law of version {law} was used, the nearest that is known."
 
 
 def _sentence(axis: str, found: AxisLoop) -> str:
@@ -123,12 +123,12 @@ def _distance(margins: Margins) -> str:
     """Say how far a loop is from instability."""
     if not margins.stable:
         return (
-            "with the controller of the parameters, this model is unstable; one of the two is not what flew."
+            "the model with this controller is unstable although the vehicle flew: one of the two is wrong."
         )
     phase, gain, at = margins.phase_margin_deg, margins.gain_margin_db, margins.oscillation_hz
     far = [f"{number(phase.value, 2)} degrees" if phase is not None else ""]
     far.append(f"{number(gain.value, 2)} dB" if gain is not None else "")
-    text = f"{' and '.join(filter(None, far)) or 'nowhere near'} from instability"
+    text = f"{' and '.join(filter(None, far)) or 'far'} from instability"
     if gain is not None and at is not None:
         # Say by how much the gain may grow, and what makes it grow by so little.
         factor = 10.0 ** (gain.value / 20.0)

@@ -51,7 +51,7 @@ def meaning_sentence(result: Result, axis: str) -> str:
     wait_s = math.sqrt(2.0 * math.radians(_TURN_DEG) / (_COMMAND * gain.value)) + float(
         np.sum([value for value in known if math.isfinite(value)])
     )
-    return f"A tenth of the {axis} command turns it by {_TURN_DEG:g} degrees in {number(wait_s, 2)} s."
+    return f"At 10 % {axis} command the vehicle turns by {_TURN_DEG:g} degrees in {number(wait_s, 2)} s."
 
 
 def _trusted(result: Result, axis: str) -> Parameter | None:

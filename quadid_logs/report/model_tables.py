@@ -142,7 +142,7 @@ def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) ->
     """Say what the regressors are, which entries are no results, and why."""
     words = "; ".join(filter(None, (_WORDS.get(name) for name in columns)))
     words = f"{words}." if words else ""
-    refused = f"Rows marked {_DISTRUSTED!r} belong to refused axes: they are no results."
+    refused = f"Rows marked {_DISTRUSTED!r} belong to refused axes: do not use them."
     trusted = (
         parameter
         for parameter in model.parameters
@@ -175,7 +175,7 @@ def _weak_note(parameters: Iterable[Parameter]) -> str:
     if not reasons:
         return ""
     why = "; ".join(f"{', '.join(names)}: {reason or 'not known'}" for reason, names in reasons.items())
-    return f"Grey: this flight does not identify the value; it is no property of the vehicle. {why}."
+    return f"Grey: this flight does not identify the value. Do not use it. {why}."
 
 
 def _moment(inertia: Inertia, i: int, j: int, *, weak: bool) -> Cell:

@@ -269,7 +269,7 @@ def _progress(found: AxisTuning, limits: Limits) -> str:
         )
     if any(one.code == "QL638" for one in found.reasons):
         after = f", also after {_more(found.more_flights)}" if found.more_flights else ""
-        return f"The gains come nearer to {short} and do not reach it{after}."
+        return f"The gains come closer to {short} but do not reach it{after}."
     if found.flights_to_limits:
         return f"Not there yet for {short}: expect {_more(found.flights_to_limits)}."
     return f"The next gains miss {short} by less than one flight can measure."

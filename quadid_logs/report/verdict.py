@@ -84,4 +84,4 @@ def effect_sentence(result: Result, axis: str) -> str:
     low, high = flight_interval(gain, result.data.input)
     both = 0.5 * (high - low), spread
     flight, calibration = (number(100.0 * half / abs(gain.value), 2) for half in both)
-    return f"{effect} (the flight leaves {flight} %, the calibration to N m {calibration} %)"
+    return f"{effect} (uncertain by {flight} % from the flight, {calibration} % from the calibration to N m)"
