@@ -175,7 +175,7 @@ def _weak_note(parameters: Iterable[Parameter]) -> str:
     if not reasons:
         return ""
     why = "; ".join(f"{', '.join(names)}: {reason or 'not known'}" for reason, names in reasons.items())
-    return f"Grey: this flight does not identify the value. Do not use it. {why}."
+    return f"Grey: values that this flight does not identify; do not use them. Reasons: {why}."
 
 
 def _moment(inertia: Inertia, i: int, j: int, *, weak: bool) -> Cell:
