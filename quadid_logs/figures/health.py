@@ -242,7 +242,7 @@ def _spectrum(health: Health, known: GyroFilter) -> Figure | None:
     if noise is None:
         return None
     words = _filter_words(known)
-    filters = f" Known of the filters: {words}." if words else ""
+    filters = f" Known filters: {words}." if words else ""
     if noise.before is None and noise.after is not None and words:
         filters += (
             " The spectrum before the filters is computed from the filtered one, where they pass "
