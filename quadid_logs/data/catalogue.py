@@ -283,8 +283,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL405",
                 "The motors could not give the commanded torque",
                 "For part of the flight a motor was at its limit and the mixer cut roll, pitch or yaw "
-                "down. Where the torque was rebuilt from what the motors did, the cut is in it and "
-                "nothing is lost. Where only the command is known, the samples around it are left out.",
+                "down. Where the torque was rebuilt from what the motors did, it already includes the "
+                "cut, and nothing is lost. Where only the command is known, the samples around it are "
+                "left out.",
                 "Fly smaller manoeuvres, or with a throttle nearer to the middle.",
             ),
             _entry(
@@ -834,8 +835,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL620",
                 "The phase of a notch is not known",
-                "A notch follows something that neither the parameters nor the log hold. The phase that it "
-                "takes is missing in the margins.",
+                "A notch follows a frequency that neither the parameters nor the log hold. The phase that "
+                "it takes is missing in the margins.",
                 "Log what the notch follows. Or fix the notch at one frequency, fly once more, and tune "
                 "from that flight.",
                 step="set",
