@@ -164,7 +164,7 @@ def test_two_refused_flights_are_not_comparable() -> None:
     found = repeat([refused_result(), flown(0)])
     assert found.verdict == "not comparable"
     assert found.quantities == ()
-    assert any("only flight0.bin tells it" in line for line in repetition_lines(found))
+    assert any("only flight0.bin identifies it" in line for line in repetition_lines(found))
 
 
 def test_one_flight_repeats_nothing() -> None:

@@ -247,7 +247,8 @@ def _validation_sentence(model: Model | None, spectral: Sequence[SpectralFit] = 
         if fit.used
     ]
     of_commands = (
-        " Air or an effect moved the vehicle as well. Of the acceleration that was commanded, the model "
+        " Wind or another effect moved the vehicle as well. Of the acceleration that was commanded, the "
+        "model "
         f"explains {listed(commanded)}."
         if commanded
         else ""
