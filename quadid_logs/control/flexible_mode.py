@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.control.frequency_response import MOST_OF_RATE
 from quadid_logs.control.loop import close, gyro_filters, rate_loop
 from quadid_logs.control.margins import fine_grid_hz
@@ -57,6 +57,8 @@ _LOUD: Final = 10.0
 #: The noise beside what the model leaves of set-points, where that is no louder: by a fixed point, each round
 #: at half the distance from it.
 _ROUNDS: Final = 3
+#: Set-points of two axes that are one but for this part of their power, as rounding leaves it, are one.
+_SAME_OTHERS: Final = 1e-9
 #: With a probability of less that there is none, a mode is seen: one log in some hundred has three axes
 #: without any of which one is taken for a line.
 _SEEN: Final = 0.001
@@ -180,10 +182,13 @@ def _noise(
     by_target, by_noise = loop.target_to_rate[0], gyro_filters(controller, frequency_hz) * sensitivity
     vehicle = estimate.response(frequency_hz, controller.period_s)[0]
     rate, target, chirp = (spectra[..., column] for column in range(3))
-    left = np.abs(rate - by_target * target) ** 2
+    residual = rate - by_target * target
     driven = np.abs(by_target * target) ** 2 + np.abs(chirp) ** 2 * np.maximum(
         np.abs(by_target) ** 2, np.abs(vehicle * by_noise) ** 2
     )
+    gentle = driven <= _LOUD * np.median(np.abs(residual) ** 2, axis=0)
+    others = by_target * np.moveaxis(spectra[..., 3:], -1, 0)
+    left = np.abs(residual - _of_other_axes(frequency_hz, residual, others, gentle)) ** 2
     # What the model leaves of a strong excitation is no noise, nor is what comes and goes.
     middle = np.median(left, axis=0)
     quiet = (driven <= _LOUD * middle) & (left <= _LOUD * middle / np.log(2.0))
@@ -209,6 +214,30 @@ def _noise(
     return _Noise(frequency_hz, relative, of_driven, np.where(known, n_independent, 0.0))
 
 
+def _of_other_axes(
+    frequency_hz: FloatArray, residual: ComplexArray, others: ComplexArray, gentle: BoolArray
+) -> ComplexArray:
+    """Return what set-points of other axes make of a residual; it and what is used (n_windows, n_lines).
+
+    A vehicle couples its axes, and a doublet's spectrum is a comb of lines: without this, one about roll
+    is a line in yaw. ``others`` are those set-points behind a loop's response, (n_others, n_windows,
+    n_lines). A coupling is smooth, and fitted by least squares over half an octave: no line is.
+    """
+    used = np.where(gentle, others, 0.0)
+    products = np.einsum("iwf,jwf->fij", used.conj(), used)
+    with_residual = np.einsum("iwf,wf->fi", used.conj(), residual)
+    log_hz = np.log(frequency_hz)
+    first, last = (np.searchsorted(log_hz, log_hz + side * 0.5 * np.log(_BESIDE)) for side in (-1, 1))
+
+    def near(values: ComplexArray) -> ComplexArray:
+        sums = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
+        return np.asarray(sums[last] - sums[first])
+
+    inverse = np.linalg.pinv(near(products), rcond=_SAME_OTHERS, hermitian=True)
+    coupling = np.einsum("fij,fj->fi", inverse, near(with_residual))
+    return np.asarray(np.einsum("fi,iwf->wf", coupling, others), dtype=np.complex128)
+
+
 def _unexplained(
     frequency_hz: FloatArray, left: FloatArray, driven: FloatArray, noise: FloatArray
 ) -> FloatArray:
@@ -232,13 +261,16 @@ def _unexplained(
 
 
 def _columns(segment: Segment, number: int) -> FloatArray:
-    """Return rate and set-point of an axis, and what a system-ID mode injects; (n_samples, 3)."""
-    rate = segment.body_rate_rad_s[:, number]
-    found = np.zeros((segment.n_samples, 3))
-    found[:, 0] = rate
+    """Return an axis' rate, its set-point, what a system-ID mode injects, the other axes' set-points.
+
+    Shape (n_samples, 5).
+    """
+    found = np.zeros((segment.n_samples, 5))
+    found[:, 0] = segment.body_rate_rad_s[:, number]
     if segment.reference is not None:
         found[:, 1] = segment.reference[:, number]
         found[:, 2] = segment.reference[:, 3] if segment.reference.shape[1] > 3 else 0.0
+        found[:, 3:] = np.delete(segment.reference[:, :3], number, axis=1)
     return found
 
 
