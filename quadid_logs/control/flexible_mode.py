@@ -8,9 +8,10 @@ a line that is seen bounds the gain margin, and so does what a short or slow log
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.control.frequency_response import MOST_OF_RATE
@@ -57,6 +58,8 @@ _LOUD: Final = 10.0
 #: The noise beside what the model leaves of set-points, where that is no louder: by a fixed point, each round
 #: at half the distance from it.
 _ROUNDS: Final = 3
+#: So many neighbours, in lines and windows, are alike: a Hann window's noise is 1.5 lines wide.
+_ALIKE: Final = 1.5 / INDEPENDENT
 #: Set-points of two axes that are one but for this part of their power, as rounding leaves it, are one.
 _SAME_OTHERS: Final = 1e-9
 #: With a probability of less that there is none, a mode is seen: one log in some hundred has three axes
@@ -221,7 +224,8 @@ def _of_other_axes(
 
     A vehicle couples its axes, and a doublet's spectrum is a comb of lines: without this, one about roll
     is a line in yaw. ``others`` are those set-points behind a loop's response, (n_others, n_windows,
-    n_lines). A coupling is smooth, and fitted by least squares over half an octave: no line is.
+    n_lines). A coupling is smooth, and fitted by least squares over half an octave: no line is. What it
+    explains counts beyond chance alone (the positive-part estimator of James and Stein, 1961).
     """
     used = np.where(gentle, others, 0.0)
     products = np.einsum("iwf,jwf->fij", used.conj(), used)
@@ -229,13 +233,20 @@ def _of_other_axes(
     log_hz = np.log(frequency_hz)
     first, last = (np.searchsorted(log_hz, log_hz + side * 0.5 * np.log(_BESIDE)) for side in (-1, 1))
 
-    def near(values: ComplexArray) -> ComplexArray:
+    def near(values: NDArray[Any]) -> NDArray[Any]:
         sums = np.cumsum(np.concatenate([np.zeros_like(values[:1]), values]), axis=0)
         return np.asarray(sums[last] - sums[first])
 
+    total = near(np.sum(np.where(gentle, np.abs(residual) ** 2, 0.0), axis=0))
+    n_summed = near(np.count_nonzero(gentle, axis=0))
+    gained = near(with_residual)
     inverse = np.linalg.pinv(near(products), rcond=_SAME_OTHERS, hermitian=True)
-    coupling = np.einsum("fij,fj->fi", inverse, near(with_residual))
-    return np.asarray(np.einsum("fi,iwf->wf", coupling, others), dtype=np.complex128)
+    coupling = np.einsum("fij,fj->fi", inverse, gained)
+    explained = np.einsum("fi,fi->f", gained.conj(), coupling).real
+    chance = len(others) * _ALIKE * np.maximum(total - explained, 0.0) / np.maximum(n_summed, 1)
+    beyond = np.maximum(explained - chance, 0.0)
+    counts = np.divide(beyond, explained, where=beyond > 0.0, out=np.zeros(beyond.shape))
+    return np.asarray(np.einsum("f,fi,iwf->wf", counts, coupling, others), dtype=np.complex128)
 
 
 def _unexplained(
