@@ -22,6 +22,7 @@ from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.instrument_response import INDEPENDENT, tapered_spectra
+from quadid_logs.maths.normal import ENDS_95
 from quadid_logs.maths.spectra import WINDOW_S
 
 #: Arms and soft mounts bend up to some tens of hertz; below the first, the harmonics that a manoeuvre makes
@@ -56,7 +57,8 @@ _FEWEST_LINES: Final = 16
 #: hidden in the noise. Steady noise is above so many times its mean once in 20 000 lines.
 _LOUD: Final = 10.0
 #: The noise beside what the model leaves of set-points, where that is no louder: by a fixed point, each round
-#: at half the distance from it.
+#: at half the distance from it. Where it is louder, a line tells nothing of the noise about it: a doublet's
+#: comb is as wide as its gaps, and its median is above the noise.
 _ROUNDS: Final = 3
 #: So many neighbours, in lines and windows, are alike: a Hann window's noise is 1.5 lines wide.
 _ALIKE: Final = 1.5 / INDEPENDENT
@@ -205,10 +207,15 @@ def _noise(
     n_independent = INDEPENDENT * np.where(known, n_quiet, 0.0)
     if np.count_nonzero(known) < _FEWEST_LINES:
         return None
-    mean = _surroundings(frequency_hz, power, n_independent)
+    mean, loud = (
+        _surroundings(frequency_hz, power, n_independent),
+        np.zeros(frequency_hz.size, dtype=np.bool_),
+    )
     for _ in range(_ROUNDS):
-        of_driven = np.minimum(unexplained * driven_power / mean, 1.0)
-        mean = _surroundings(frequency_hz, power / (1.0 + of_driven), n_independent)
+        of_driven = unexplained * driven_power / mean
+        loud |= of_driven > 1.0
+        shared = power / (1.0 + np.minimum(of_driven, 1.0))
+        mean = _surroundings(frequency_hz, shared, np.where(loud, 0.0, n_independent))
     known &= np.isfinite(mean)
     relative, of_driven = (
         np.where(known, each / mean, other)
@@ -252,12 +259,13 @@ def _of_other_axes(
 def _unexplained(
     frequency_hz: FloatArray, left: FloatArray, driven: FloatArray, noise: FloatArray
 ) -> FloatArray:
-    """Return which fraction of the driven power the model leaves, (n_lines,).
+    """Return which fraction of the driven power the model leaves at most, (n_lines,).
 
     Notes
     -----
     Where a window is driven well above the noise, it is seen. A gain that is off by a fraction e leaves
     e^2, a delay that is off by t (2 pi f t)^2: both are fitted, and hold where nothing is driven as much.
+    Rotors are not linear, and leave more at some lines: as much as 97.5 % of those that are seen.
     """
     from scipy.optimize import nnls
 
@@ -268,7 +276,10 @@ def _unexplained(
     of_gain_and_delay = np.column_stack([np.ones(frequency_hz.size), frequency_hz**2])
     scale = of_gain_and_delay[-1]
     fitted, _ = nnls(of_gain_and_delay[line] / scale, share)
-    return np.asarray(of_gain_and_delay @ (fitted / scale), dtype=np.float64)
+    fraction = np.asarray(of_gain_and_delay @ (fitted / scale), dtype=np.float64)
+    if not fraction.any():
+        return fraction
+    return fraction * max(float(np.quantile(share / fraction[line], ENDS_95[1])), 1.0)
 
 
 def _columns(segment: Segment, number: int) -> FloatArray:
