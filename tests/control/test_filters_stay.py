@@ -8,7 +8,7 @@ import pytest
 
 from quadid_logs import analyze
 from quadid_logs.control import recommend as recommend_module
-from quadid_logs.control.filter_guard import is_no_worse
+from quadid_logs.control.filter_guard import is_no_worse, with_flown_filters
 from quadid_logs.data.tuning import AxisTuning
 from quadid_logs.simulate import fly
 from quadid_logs.simulate.logger import log_flights
@@ -31,12 +31,18 @@ def test_filters_stay_where_gains_alone_leave_less_of_gusts(
         held.append((filtered, alone))
         return is_no_worse(filtered, alone, in_the_end)
 
+    gains_alone = []
+
+    def stay(axis: str, alone: AxisTuning) -> AxisTuning:
+        gains_alone.append(alone.gains)
+        return with_flown_filters(axis, alone)
+
     monkeypatch.setattr(recommend_module, "is_no_worse", noted)
+    monkeypatch.setattr(recommend_module, "with_flown_filters", stay)
     found = recommend(flown, filters=True)
     searched, alone = held[0]
     assert "ATC_RAT_RLL_P" in {*searched.gains}
     assert searched.attitude_error > alone.attitude_error
-    gains_alone = [one.gains for _, one in held]
     for one in found.axes.values():
         assert one.filters == {}
         assert one.gains in gains_alone
