@@ -346,7 +346,7 @@ def _margins(
 
 
 def _around(loops: ScaledLoops, by: Factors) -> ScaledLoops:
-    return scaled_loops(loops.controller, changed(loops.plants, by), loops.known_hz)
+    return loops.around(changed(loops.plants, by))
 
 
 def _estimated(values: FloatArray) -> Estimated:
