@@ -562,14 +562,14 @@ def _decide(
     roll, pitch, yaw = mixed.torque
     actuators = _actuators(mixed.thrust, controller, battery, ops)
     return Decision(
-        setpoint=setpoint,
-        command=command,
-        throttle=throttle,
-        limited=mixed.limited,
-        achieved=(roll / gain, pitch / gain, yaw / gain),
-        thrust=mixed.thrust,
-        actuators=actuators,
-        targets=_speeds(actuators, controller, battery),
+        setpoint,
+        command,
+        throttle,
+        mixed.limited,
+        (roll / gain, pitch / gain, yaw / gain),
+        mixed.thrust,
+        actuators,
+        _speeds(actuators, controller, battery),
     )
 
 
@@ -594,9 +594,10 @@ def _speeds(
 ) -> tuple[Component, ...]:
     """Return the rotor speeds at rest that the outputs lead to [rad/s]."""
     expo = controller.propeller_expo
-    return tuple(
+    speeds = [
         controller.speed_max * thrust_of_throttle(value * battery.ratio, expo) ** 0.5 for value in actuators
-    )
+    ]
+    return tuple(speeds)
 
 
 def _mistaken(

@@ -229,16 +229,17 @@ def ardupilot_rate_law(
     integral = before.integral + increment * (1.0 - limited * grows)
     bound = gains.integral_limit
     proportional, derivative = gains.proportional[axis] * error, gains.derivative[axis] * slope
+    # By place: names take as long as all the sums.
     found = RateTerms(
-        proportional=proportional,
-        integral=ops.higher(ops.lower(integral, bound), -bound),
-        derivative=derivative,
-        slope=slope,
-        scale=before.scale,
-        target=target,
-        error=error,
-        rate=rate,
-        learned=before.learned,
+        proportional,
+        ops.higher(ops.lower(integral, bound), -bound),
+        derivative,
+        slope,
+        before.scale,
+        target,
+        error,
+        rate,
+        before.learned,
     )
     return _slew_limited(found, before, gains, ops) if gains.slew_limit > 0.0 else found
 
@@ -302,14 +303,14 @@ def px4_rate_law(
     step = gains.integral[axis] * slower * error * gains.step_s * (1.0 - limited * pushes)
     bound = gains.integral_limit
     return RateTerms(
-        proportional=proportional,
-        integral=integral,
-        derivative=derivative,
-        slope=slope,
-        scale=before.scale,
-        target=setpoint,
-        error=error,
-        rate=rate,
+        proportional,
+        integral,
+        derivative,
+        slope,
+        before.scale,
+        setpoint,
+        error,
+        rate,
         learned=ops.higher(ops.lower(integral + step, bound), -bound),
     )
 
@@ -373,12 +374,12 @@ def mix(command: Triple, throttle: Component, mixer: Mixer, ops: Arithmetic) -> 
     room = ops.higher(1.0 - base - high * scale, 0.0)
     lift = ops.lower(ops.higher(throttle - base, 0.0), room) * (scale >= 1.0)
     collective = base + lift
-    thrust = tuple(
+    thrust = [
         ops.higher(ops.lower(collective * t + scale * value, 1.0), 0.0)
         for t, value in zip(mixer.throttle, wanted, strict=True)
-    )
+    ]
     limited = 1.0 * ((scale < 1.0) | (turned != yaw) | (collective < throttle - 1e-9))
-    return Mixed(thrust, (scale * roll, scale * pitch, scale * turned), limited)
+    return Mixed(tuple(thrust), (scale * roll, scale * pitch, scale * turned), limited)
 
 
 def _yaw_room(
