@@ -27,7 +27,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
+from quadid_logs.control.scaled_loop import ScaledLoops, spare
 from quadid_logs.data.closed_loop import Estimated, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.off_nominal import Condition, ConditionKind, ConditionMargins, Ranges, ThrustLaw

@@ -153,7 +153,7 @@ class Plant(NamedTuple):
         return found
 
     def _without_delay(self, w: FloatArray) -> NDArray[np.complex128]:
-        """Return the response at angular frequencies [rad/s] but for what delay, hold and modes make of it."""
+        """Return the response at angular frequencies w [rad/s] but for delay, hold and modes."""
         B, A, lag_s, _, lead_s = (values[:, np.newaxis] for values in self._numbers())
         response = np.empty((B.size, w.size), dtype=np.complex128)
         # (s - A) (1 + s lag)

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import FloatArray
 
 ComplexArray = NDArray[np.complex128]
-#: So many values of cosines, two megabytes, stay in a processor's cache: taken out one by one, they cost half of
-#: two transforms of a good length, and a tenth of those of a length with a large prime factor.
+#: So many values of cosines, two megabytes, stay in a processor's cache: taken out one by one, they cost half
+#: of two transforms of a good length, and a tenth of those of a length with a large prime factor.
 _FEW_VALUES: Final = 250_000
 
 
