@@ -33,8 +33,8 @@ from quadid_logs.version import __version__
 def make_app(first: str = "") -> typer.Typer:
     """Return the application; where the first word is a verb, with that one alone.
 
-    Typer reads the annotations of every verb that it is given, which takes longer than many a verb does. Plain
-    help without rich: it starts at once, and reads the same in a pipe.
+    Typer reads the annotations of every verb that it is given, which takes longer than many a verb does.
+    Plain help without rich: it starts at once, and reads the same in a pipe.
     """
     app = typer.Typer(
         help="A multirotor's flight log in, a rotational state-space model with error bars out.",

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import FloatArray
 
 ComplexArray = NDArray[np.complex128]
-#: So many values of cosines, two megabytes, stay in a processor's cache: taken out one by one, they cost half
-#: of two transforms of a good length, and a tenth of those of a length with a large prime factor.
-_FEW_VALUES: Final = 250_000
+#: So many cosines are taken out of a short record one by one: two transforms would take longer to begin.
+_FEW_COSINES: Final = 8
 
 
 def angular_frequency(n_samples: int, period_s: float) -> ComplexArray:
@@ -262,7 +261,7 @@ def high_pass(columns: FloatArray, period_s: float, cutoff_hz: float) -> FloatAr
     0.0
     """
     n_removed = min(int(2.0 * len(columns) * period_s * cutoff_hz) + 1, len(columns))
-    if n_removed * len(columns) <= _FEW_VALUES:
+    if n_removed <= _FEW_COSINES:
         low = _lowest_cosines(len(columns), n_removed)
         return np.asarray(columns - low @ (low.T @ columns))
     from scipy.fft import dct, idct
@@ -272,7 +271,7 @@ def high_pass(columns: FloatArray, period_s: float, cutoff_hz: float) -> FloatAr
     return np.asarray(idct(spectrum, axis=0, norm="ortho"), dtype=np.float64)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def _lowest_cosines(n_rows: int, n_cosines: int) -> FloatArray:
     """Return the first columns of the orthonormal DCT-II, shape (n_rows, n_cosines), not to be written to."""
     phase = np.pi / n_rows * np.outer(np.arange(n_rows) + 0.5, np.arange(n_cosines))
