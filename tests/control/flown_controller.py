@@ -42,7 +42,10 @@ def alpha(dt: float, cutoff_hz: float) -> float:
 def ap_pid(target, rate, dt, limit, p, scale=None, notch=None):
     """AC_PID by its published recurrences, in plain Python; returns P, I, D, FF."""
     n = len(target)
-    t_, e_, d_, i_, td = (np.zeros(n) for _ in range(5))
+    # Plain floats cost a tenth of numpy's.
+    target, rate, dt, limit = (each.tolist() for each in (target, rate, dt, limit))
+    notch = None if notch is None else notch.tolist()
+    t_, e_, d_, i_, td = ([0.0] * n for _ in range(5))
     error = lambda k: notch[k] if notch is not None else t_[k] - rate[k]  # noqa: E731
     t_[0] = target[0]
     e_[0] = error(0)
@@ -53,7 +56,8 @@ def ap_pid(target, rate, dt, limit, p, scale=None, notch=None):
         d_[k] = d_[k - 1] + alpha(h, p["FLTD"]) * ((e_[k] - e_[k - 1]) / h - d_[k - 1])
         td[k] = (t_[k] - t_[k - 1]) / h
         ok = not limit[k] or i_[k - 1] * e_[k] < 0
-        i_[k] = np.clip(i_[k - 1] + (e_[k] * p["I"] * h if ok else 0.0), -p["IMAX"], p["IMAX"])
+        i_[k] = min(max(i_[k - 1] + (e_[k] * p["I"] * h if ok else 0.0), -p["IMAX"]), p["IMAX"])
+    t_, e_, d_, i_, td = map(np.array, (t_, e_, d_, i_, td))
     proportional, derivative = p["P"] * e_, p["D"] * d_
     if scale is not None:
         proportional, derivative = scale * proportional, scale * derivative
