@@ -204,8 +204,10 @@ class Px4Flight:
 
     def _torque(self, axis, setpoint, rate, time_s):
         p = {short: self.parameters()[f"MC_{PX4_NAMES[axis]}RATE_{short}"] for short in PX4_PID}
-        output, slope = np.zeros(self.n), np.zeros(self.n)
+        setpoint, rate, time_s = (each.tolist() for each in (setpoint, rate, time_s))
+        output, slope = [0.0] * self.n, [0.0] * self.n
         integral = filtered = 0.0
+        end = float(np.radians(400.0))
         for k in range(1, self.n):
             dt = time_s[k] - time_s[k - 1]
             slope[k] = slope[k - 1] + alpha(dt, 20.0) * ((rate[k] - rate[k - 1]) / dt - slope[k - 1])
@@ -213,8 +215,8 @@ class Px4Flight:
             torque = (
                 p["K"] * p["P"] * error + integral - p["K"] * p["D"] * slope[k] + p["FF"] * setpoint[k - 1]
             )
-            slower = max(0.0, 1.0 - (error / np.radians(400.0)) ** 2)
-            integral = float(np.clip(integral + slower * p["K"] * p["I"] * error * dt, -0.3, 0.3))
+            slower = max(0.0, 1.0 - (error / end) ** 2)
+            integral = min(max(integral + slower * p["K"] * p["I"] * error * dt, -0.3), 0.3)
             filtered += alpha(dt, 2.0 if axis == "yaw" else 0.0) * (torque - filtered)
             output[k] = filtered
-        return output, slope
+        return np.array(output), np.array(slope)

@@ -21,6 +21,7 @@ PERIOD_S, LAG_S, ANGLE_GAIN = 0.005, 0.04, 4.0
 GAIN, DAMPING = np.array([180.0, 140.0, 16.0]), np.array([-1.0, -1.2, -0.3])
 #: Quad X: thrusts of the rotors to torques about roll, pitch and yaw.
 PER_THRUST = 0.25 * np.array([[-1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0], [1.0, 1.0, -1.0, -1.0]])
+TO_THRUST = np.linalg.pinv(PER_THRUST)
 
 Loss = Callable[[np.ndarray], np.ndarray]
 
@@ -36,7 +37,7 @@ def _dead(torque: np.ndarray) -> np.ndarray:
 
 def _dead_rotors(torque: np.ndarray) -> np.ndarray:
     """Each rotor ignores 0.02 of its command."""
-    rotors = np.linalg.pinv(PER_THRUST) @ torque
+    rotors = TO_THRUST @ torque
     return PER_THRUST @ (rotors - np.clip(rotors, -0.02, 0.02))
 
 
@@ -66,19 +67,21 @@ def _fly(
     rng, n = np.random.default_rng(seed), 12000
     worth = np.ones(n) if worth is None else worth
     steps = np.repeat(rng.uniform(-1.0, 1.0, (n // 60, 3)), 60, axis=0) * 0.15
-    white, air = rng.standard_normal((n, 3)), np.zeros(3)
     keep = np.exp(-PERIOD_S * np.pi)
+    fresh, air = np.sqrt(1.0 - keep**2) * rng.standard_normal((n, 3)), np.zeros((n + 1, 3))
+    for row in range(n):
+        air[row + 1] = keep * air[row] + fresh[row]
+    gust = gusts * air[1:] * np.array([1.0, 1.0, 0.1])
+    lead, pace, level = 12.0 / GAIN, PERIOD_S / LAG_S, np.array([1.0, 1.0, 0.0])
     rate, angle, thrust = np.zeros(3), np.zeros(3), np.zeros(3)
     torque, rates, setpoints = (np.empty((n, 3)) for _ in range(3))
     for row in range(n):
-        air = keep * air + np.sqrt(1.0 - keep**2) * white[row]
         setpoint = ANGLE_GAIN * (steps[row] - angle)
-        command = 12.0 / GAIN * (setpoint - rate)
+        command = lead * (setpoint - rate)
         rates[row], setpoints[row], torque[row] = rate, setpoint, command
-        thrust = thrust + PERIOD_S / LAG_S * (loss(command) - thrust)
-        pull = tilt_1_s2 * angle * np.array([1.0, 1.0, 0.0])
-        gust = gusts * air * np.array([1.0, 1.0, 0.1])
-        rate = rate + PERIOD_S * (worth[row] * GAIN * thrust + DAMPING * rate + pull + gust)
+        thrust = thrust + pace * (loss(command) - thrust)
+        pull = tilt_1_s2 * angle * level
+        rate = rate + PERIOD_S * (worth[row] * GAIN * thrust + DAMPING * rate + pull + gust[row])
         angle = angle + PERIOD_S * rate
     turned = np.vstack([np.zeros(3), PERIOD_S * np.cumsum(rates, axis=0)[:-1]])
     return FlightData(
