@@ -42,38 +42,56 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproduci
 
 #: The test files that take longest, most first: what begins last decides when the suite ends.
 LONGEST_FIRST = (
-    "fleet/test_run.py",
     "test_tuning.py",
-    "cli/test_printed_commands.py",
-    "structural/test_effects.py",
+    "fleet/test_run.py",
     "test_directions.py",
-    "report/test_browser.py",
-    "test_scenarios.py",
-    "control/test_replay.py",
-    "api/test_verbs.py",
-    "test_live.py",
+    "cli/test_printed_commands.py",
+    "control/test_filter_design.py",
     "serve/test_browser.py",
-    "report/test_accessibility.py",
-    "test_tuning_refusals.py",
-    "identify/test_actuator_model.py",
-    "agents/test_mcp.py",
-    "report/test_result_json.py",
-    "identify/test_thrust_curve.py",
-    "actuation/test_reconstruct.py",
-    "simulate/test_closed_loop.py",
-    "control/test_flexible_mode.py",
-    "actuation/test_measured_speeds.py",
-    "identify/test_identify.py",
-    "test_figures.py",
-    "cli/test_main.py",
-    "test_pool.py",
-    "cli/test_plan.py",
-    "identify/test_yaw.py",
+    "report/test_browser.py",
+    "identify/test_spectral_effects.py",
+    "control/test_replay.py",
+    "test_live.py",
+    "control/test_outer_loops.py",
+    "structural/test_effects.py",
+    "health/test_rotors.py",
     "cli/test_tune.py",
-    "identify/test_response.py",
-    "test_flown_research.py",
-    "cli/test_live.py",
+    "test_scenarios.py",
+    "test_tuning_refusals.py",
+    "report/test_result_json.py",
+    "actuation/test_measured_speeds.py",
+    "identify/test_actuator_model.py",
+    "simulate/test_closed_loop.py",
+    "simulate/test_effects.py",
+    "identify/test_identify.py",
+    "actuation/test_reconstruct.py",
+    "report/test_accessibility.py",
+    "test_figures.py",
+    "identify/test_spectral.py",
+    "identify/test_thrust_curve.py",
+    "api/test_verbs.py",
     "test_corpus.py",
+    "test_swing.py",
+    "serve/test_server.py",
+    "identify/test_horizons.py",
+    "diagnose/test_diagnose.py",
+    "simulate/test_simulate.py",
+    "identify/test_planned.py",
+    "autopilots/test_blackbox_family.py",
+    "link/test_record.py",
+    "structural/test_rotor_dead_zone.py",
+    "cli/test_live.py",
+    "containers/test_dataflash.py",
+    "identify/test_yaw.py",
+    "cli/test_main.py",
+    "control/test_flexible_mode.py",
+    "autopilots/test_betaflight_tuning.py",
+    "test_flown_research.py",
+    "containers/test_tlog.py",
+    "test_corrupted_parameters.py",
+    "test_pool_short.py",
+    "identify/test_response.py",
+    "test_pool.py",
 )
 
 
@@ -248,6 +266,10 @@ def corpus_log(corpus: Path, request: pytest.FixtureRequest) -> Path:
 
 
 def pytest_collection_finish() -> None:
-    """Take what thousands of collected tests are made of for no garbage: each look through it takes long."""
+    """Take what thousands of collected tests are made of for no garbage: each look through it takes long.
+
+    Look for garbage a seventh as often, too: simulated flights make millions of tuples, and no cycles.
+    """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(5_000)

@@ -87,7 +87,7 @@ def _dispatch(arguments: list[str]) -> int:
     from quadid_logs.cli.app import make_app
 
     given = " ".join((PROGRAM, *map(quoted, arguments)))
-    code = make_app()(args=arguments, prog_name=PROGRAM, standalone_mode=False, obj=given)
+    code = make_app(*arguments[:1])(args=arguments, prog_name=PROGRAM, standalone_mode=False, obj=given)
     if code == _INTERRUPTED:
         # Typer turns Ctrl-C into this code without a word.
         raise KeyboardInterrupt

@@ -30,9 +30,10 @@ from quadid_logs.cli.tune import tune
 from quadid_logs.version import __version__
 
 
-def make_app() -> typer.Typer:
-    """Return the application.
+def make_app(first: str = "") -> typer.Typer:
+    """Return the application; where the first word is a verb, with that one alone.
 
+    Typer reads the annotations of every verb that it is given, which takes longer than many a verb does.
     Plain help without rich: it starts at once, and reads the same in a pipe.
     """
     app = typer.Typer(
@@ -43,7 +44,7 @@ def make_app() -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback(invoke_without_command=True)(_top)
-    for verb in (
+    verbs = (
         analyze,
         tune,
         check,
@@ -64,7 +65,8 @@ def make_app() -> typer.Typer:
         query,
         serve,
         mcp,
-    ):
+    )
+    for verb in [one for one in verbs if one.__name__.replace("_", "-") == first] or verbs:
         # Given as such: what is made of the docstring is cut in mid-sentence.
         app.command(short_help=(verb.__doc__ or "").split("\n", 1)[0])(verb)
     return app

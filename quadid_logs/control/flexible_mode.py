@@ -389,7 +389,7 @@ def _deviance(ratio: FloatArray) -> FloatArray:
 
 def _with_left(expected: FloatArray | float, seen: FloatArray, left: FloatArray) -> FloatArray:
     """Return what is expected with as much left of set-points as fits best, of none to the most."""
-    return np.asarray(expected + np.clip(seen - expected, 0.0, left), dtype=np.float64)
+    return np.asarray(np.minimum(np.maximum(seen, expected), expected + left), dtype=np.float64)
 
 
 def _over_none(noise: _Noise) -> FloatArray:
@@ -513,16 +513,22 @@ def _most_of(drawn: list[_Drawn], present: FloatArray, seen: bool, random: np.ra
 def _gain_used(modes: Modes, controller: AxisController, estimate: Plant) -> FloatArray:
     """Return how far the circles of modes go towards -1, (n_modes,): with 1 and more no vehicle flies."""
     away = np.tan(np.linspace(-1.5, 1.5, _CIRCLE))
-    frequency_hz = modes.natural_hz[:, np.newaxis] * (1.0 + modes.damping_ratio[:, np.newaxis] * away)
+    # Over the natural frequency, all modes of one damping go through the same circle.
+    damping_ratio, kind = np.unique(modes.damping_ratio, return_inverse=True)
+    x = 1.0 + damping_ratio[:, np.newaxis] * away
+    circle = x**2 / (1.0 - x**2 + 2j * damping_ratio[:, np.newaxis] * x)
     every_hz = fine_grid_hz(controller.period_s)
     without = rate_loop(controller, estimate, every_hz)[0]
-    loop = np.interp(frequency_hz, every_hz, without) * modes.response(frequency_hz)
-    first, second = loop[:, :-1], loop[:, 1:]
-    change = first.imag - second.imag
-    crosses = (first.imag * second.imag <= 0.0) & (change != 0.0)
-    place = np.divide(first.imag, change, where=crosses, out=np.zeros(change.shape))
-    real = first.real + place * (second.real - first.real)
-    return np.asarray(np.max(np.where(crosses, -real, 0.0), axis=1), dtype=np.float64)
+    loop = np.interp(modes.natural_hz[:, np.newaxis] * x[kind], every_hz, without)
+    loop *= 1.0 + modes.gain[:, np.newaxis] * circle[kind]
+    imag = np.ascontiguousarray(loop.imag)
+    crosses = (imag[:, :-1] * imag[:, 1:] <= 0.0) & (imag[:, :-1] != imag[:, 1:])
+    row, before = np.nonzero(crosses)
+    first, second = loop[row, before], loop[row, before + 1]
+    place = first.imag / (first.imag - second.imag)
+    used = np.zeros(modes.gain.size)
+    np.maximum.at(used, row, -(first.real + place * (second.real - first.real)))
+    return used
 
 
 def _of_numbers(wanted: _Candidates, place: IntArray, kind: IntArray, aside: FloatArray) -> Modes:

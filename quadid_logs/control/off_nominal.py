@@ -27,7 +27,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
+from quadid_logs.control.scaled_loop import ScaledLoops, spare
 from quadid_logs.data.closed_loop import Estimated, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.off_nominal import Condition, ConditionKind, ConditionMargins, Ranges, ThrustLaw
@@ -346,7 +346,7 @@ def _margins(
 
 
 def _around(loops: ScaledLoops, by: Factors) -> ScaledLoops:
-    return scaled_loops(loops.controller, changed(loops.plants, by), loops.known_hz)
+    return loops.around(changed(loops.plants, by))
 
 
 def _estimated(values: FloatArray) -> Estimated:

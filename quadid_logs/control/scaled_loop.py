@@ -157,6 +157,23 @@ class ScaledLoops(NamedTuple):
         plants, body = self.plants.at(numbers), self.body[numbers]
         return self._replace(plants=plants, body=body, rate=self.rate[numbers], angle=angle, fixed=fixed)
 
+    def around(self, plants: Plant) -> ScaledLoops:
+        """Return the loops of the same controller around other vehicles.
+
+        Parameters
+        ----------
+        plants : Plant
+            With the delays and the modes of these.
+
+        Returns
+        -------
+        ScaledLoops
+        """
+        ratio = plants.over(self.plants, self.frequency_hz)
+        angle, fixed = (None if part is None else part * ratio for part in (self.angle, self.fixed))
+        rate, body = self.rate * ratio, self.body * ratio
+        return self._replace(plants=plants, body=body, rate=rate, angle=angle, fixed=fixed)
+
     def of(self, controller: AxisController) -> ScaledLoops:
         """Return the loops of another controller around the same vehicles.
 

@@ -172,6 +172,11 @@ def anti_windup_sum(increments: FloatArray, limited: BoolArray, bound: float, *,
     total, found = first, [first]
     for step, stopped in zip(increments[1:].tolist(), limited[1:].tolist(), strict=True):
         if not (stopped and total * step > 0.0):
-            total = min(max(total + step, -bound), bound)
+            total += step
+            # Not by min and max, which take as long as all else.
+            if total > bound:
+                total = bound
+            elif total < -bound:
+                total = -bound
         found.append(total)
     return np.array(found)

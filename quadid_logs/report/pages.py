@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
 
+@cache
 def environment(*packages: str) -> Environment:
-    """Return what renders the templates of the report, and those of other packages.
+    """Return what renders the templates of the report, and those of other packages; each is compiled once.
 
     Parameters
     ----------

@@ -117,9 +117,7 @@ def advance(state: State, targets: Rotors, wind: Triple, body: Body, external: E
     north, east, down = external.force
     acceleration = _plus(acceleration, (north / body.mass, east / body.mass, down / body.mass))
     free = 1.0 - 1.0 * ((state.height <= 0.0) & (acceleration[2] >= 0.0))
-    return _settled(state, rate, attitude, acceleration, free, body.step_s)._replace(
-        speeds=speeds, wrench=end
-    )
+    return State(*_settled(state, rate, attitude, acceleration, free, body.step_s), speeds, end)
 
 
 def _plus(first: Triple, second: Triple) -> Triple:
@@ -169,8 +167,11 @@ def _drag(state: State, wind: Triple, body: Body) -> tuple[Triple, Triple]:
 
 def _settled(
     state: State, rate: Triple, attitude: Quadruple, acceleration: Triple, free: Component, step_s: float
-) -> State:
-    """Move on where `free` is 1; where it is 0, the ground holds the vehicle as it stands."""
+) -> tuple[Triple, Quadruple, Triple, Triple, Component]:
+    """Move on where `free` is 1; where it is 0, the ground holds the vehicle as it stands.
+
+    Returns rate, attitude, velocity, acceleration and height.
+    """
     p, q, r = rate
     a, b, c, d = state.attitude
     w, x, y, z = attitude
@@ -183,12 +184,10 @@ def _settled(
         (state.velocity[1] + half * (before[1] + east)) * free,
         (state.velocity[2] + half * (before[2] + down)) * free,
     )
-    return State(
-        rate=(p * free, q * free, r * free),
-        attitude=(a + (w - a) * free, b + (x - b) * free, c + (y - c) * free, d + (z - d) * free),
-        velocity=velocity,
-        acceleration=(north, east, down),
-        height=state.height - half * (state.velocity[2] + velocity[2]),
-        speeds=state.speeds,
-        wrench=state.wrench,
+    return (
+        (p * free, q * free, r * free),
+        (a + (w - a) * free, b + (x - b) * free, c + (y - c) * free, d + (z - d) * free),
+        velocity,
+        (north, east, down),
+        state.height - half * (state.velocity[2] + velocity[2]),
     )

@@ -102,24 +102,29 @@ def fly(
         [[v.A, v.B, 0, 0], [0, -1 / v.lag_s, 1 / v.lag_s, 0], [0, 0, -second, second], [0, 0, 0, 0]]
     )
     step = linalg.expm(matrix * h)
-    b, a = signal.butter(2, v.gyro_hz, fs=1 / h)
+    (b0, b1, b2), (_, a1, a2) = (each.tolist() for each in signal.butter(2, v.gyro_hz, fs=1 / h))
     alpha = h / (h + 1 / (2 * np.pi * v.cutoff_hz))
-    state, memory, queue = np.zeros(4), np.zeros(2), [0.0] * (v.delay_steps + 1)
-    target = error = integral = slope = 0.0
-    rates, torques = np.zeros(len(setpoint)), np.zeros(len(setpoint))
-    for k in range(len(setpoint)):
-        sample = state[0]
-        rates[k] = b[0] * sample + memory[0]
-        memory = np.array([b[1] * sample - a[1] * rates[k] + memory[1], b[2] * sample - a[2] * rates[k]])
+    state, once, twice, queue = np.zeros(4), 0.0, 0.0, [0.0] * (v.delay_steps + 1)
+    target = error = integral = slope = wanted = excited = 0.0
+    rates, torques = [], []
+    # In plain floats, which cost a tenth of numpy's.
+    series = (setpoint.tolist(), disturbance.tolist(), chirp.tolist())
+    for following, disturbed, injected in zip(*series, strict=True):
+        sample = float(state[0])
+        rate = b0 * sample + once
+        once, twice = b1 * sample - a1 * rate + twice, b2 * sample - a2 * rate
         # The set-point logged with one loop is used in the next.
-        target += alpha * ((setpoint[k - 1] if k else 0.0) - target)
-        before, error = error, target - rates[k]
+        target += alpha * (wanted - target)
+        before, error = error, target - rate
         integral += error * v.I * h
         slope += alpha * ((error - before) / h - slope)
         # An excitation that is logged with one loop is part of the next one's command, too.
-        torques[k] = v.P * error + integral + v.D * slope + (chirp[k - 1] if k else 0.0)
-        queue = [*queue[1:], torques[k]]
+        torque = v.P * error + integral + v.D * slope + excited
+        rates.append(rate)
+        torques.append(torque)
+        queue = [*queue[1:], torque]
         state[3] = queue[0]
         state = step @ state
-        state[0] += disturbance[k] * h
-    return rates, torques
+        state[0] += disturbed * h
+        wanted, excited = following, injected
+    return np.array(rates), np.array(torques)

@@ -17,6 +17,8 @@ from quadid_logs.writers import write_log
 from study import filters as study
 
 
+# Half a minute of search over three axes; what decides is held, quickly, in `test_filter_design.py`.
+@pytest.mark.thorough
 def test_filters_stay_where_gains_alone_leave_less_of_gusts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

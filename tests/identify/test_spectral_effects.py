@@ -24,6 +24,7 @@ PERIOD_S, LAG_S, ANGLE_GAIN = 0.005, 0.04, 4.0
 GAIN, DAMPING = np.array([180.0, 140.0, 16.0]), np.array([-1.0, -1.2, -0.3])
 #: Quad X: thrusts of the rotors to torques about roll, pitch and yaw.
 PER_THRUST = 0.25 * np.array([[-1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0], [1.0, 1.0, -1.0, -1.0]])
+TO_THRUST = np.linalg.pinv(PER_THRUST)
 
 #: Thrust of a rotor in hover, in the unit of the torques.
 HOVER = 2.0
@@ -42,7 +43,7 @@ def _dead(torque: np.ndarray) -> np.ndarray:
 
 def _dead_rotors(torque: np.ndarray) -> np.ndarray:
     """Each rotor ignores 0.02 of its command."""
-    rotors = np.linalg.pinv(PER_THRUST) @ torque
+    rotors = TO_THRUST @ torque
     return PER_THRUST @ (rotors - np.clip(rotors, -0.02, 0.02))
 
 
@@ -74,25 +75,27 @@ def _fly(
     rng, n = np.random.default_rng(seed), 12000
     worth = np.ones(n) if worth is None else worth
     steps = np.repeat(rng.uniform(-1.0, 1.0, (n // 60, 3)), 60, axis=0) * 0.15
-    white, air = rng.standard_normal((n, 3)), np.zeros(3)
     keep = np.exp(-PERIOD_S * np.pi)
+    fresh, air = np.sqrt(1.0 - keep**2) * rng.standard_normal((n, 3)), np.zeros((n + 1, 3))
+    for row in range(n):
+        air[row + 1] = keep * air[row] + fresh[row]
+    gust = gusts * air[1:] * np.array([1.0, 1.0, 0.1])
+    lead, pace, level = 12.0 / GAIN, PERIOD_S / LAG_S, np.array([1.0, 1.0, 0.0])
     rate, angle, thrust = np.zeros(3), np.zeros(3), np.zeros(3)
-    mixing, speed = np.linalg.pinv(PER_THRUST), np.full(4, np.sqrt(HOVER))
+    speed = np.full(4, np.sqrt(HOVER))
     torque, rates, setpoints = (np.empty((n, 3)) for _ in range(3))
     for row in range(n):
-        air = keep * air + np.sqrt(1.0 - keep**2) * white[row]
         setpoint = ANGLE_GAIN * (steps[row] - angle)
-        command = 12.0 / GAIN * (setpoint - rate)
+        command = lead * (setpoint - rate)
         rates[row], setpoints[row], torque[row] = rate, setpoint, command
         if spin_down == 1.0:
-            thrust = thrust + PERIOD_S / LAG_S * (loss(command) - thrust)
+            thrust = thrust + pace * (loss(command) - thrust)
         else:
-            lacking = np.sqrt(np.maximum(HOVER + mixing @ loss(command), 0.0)) - speed
-            speed = speed + PERIOD_S / np.where(lacking > 0.0, LAG_S, spin_down * LAG_S) * lacking
+            lacking = np.sqrt(np.maximum(HOVER + TO_THRUST @ loss(command), 0.0)) - speed
+            speed = speed + pace / np.where(lacking > 0.0, 1.0, spin_down) * lacking
             thrust = PER_THRUST @ speed**2
-        pull = tilt_1_s2 * angle * np.array([1.0, 1.0, 0.0])
-        gust = gusts * air * np.array([1.0, 1.0, 0.1])
-        rate = rate + PERIOD_S * (worth[row] * GAIN * thrust + DAMPING * rate + pull + gust)
+        pull = tilt_1_s2 * angle * level
+        rate = rate + PERIOD_S * (worth[row] * GAIN * thrust + DAMPING * rate + pull + gust[row])
         angle = angle + PERIOD_S * rate
     turned = np.vstack([np.zeros(3), PERIOD_S * np.cumsum(rates, axis=0)[:-1]])
     return FlightData(
@@ -107,7 +110,7 @@ def _fly(
                 saturated=np.zeros(n, dtype=bool),
                 reference=setpoints,
                 command=setpoints + ANGLE_GAIN * turned,
-                rotor_thrust=HOVER + torque @ mixing.T,
+                rotor_thrust=HOVER + torque @ TO_THRUST.T,
             ),
         ),
         flights=(),

@@ -62,14 +62,21 @@ def fly(truth: Truth, excitation: np.ndarray, *, seed: int = 0, feedback: float 
     behind = round(truth.delay_s / step)
     # In plain floats: this runs a hundred thousand times.
     J, B = _Rows(truth.inertia), _Rows(truth.B)
-    damping, gain, drag = _Rows(truth.damping), feedback, truth.quadratic_roll_damping
+    gain, drag = feedback, truth.quadratic_roll_damping
+    (jxx, jxy, jxz), (jyx, jyy, jyz), (jzx, jzy, jzz) = truth.inertia.tolist()
+    (bxx, bxy, bxz), (byx, byy, byz), (bzx, bzy, bzz) = truth.B.tolist()
+    (dxx, dxy, dxz), (dyx, dyy, dyz), (dzx, dzy, dzz) = truth.damping.tolist()
 
     def slope(w: Triple, push: Triple) -> Triple:
         p, q, r = w
-        x, y, z = J.times(w)
-        gx, gy, gz = B.times((q * z - r * y, r * x - p * z, p * y - q * x))
-        dx, dy, dz = damping.times(w)
-        return push[0] - gx - dx, push[1] - gy - dy, push[2] - gz - dz
+        # The moment of momentum, and its cross product with the rate.
+        x, y, z = jxx * p + jxy * q + jxz * r, jyx * p + jyy * q + jyz * r, jzx * p + jzy * q + jzz * r
+        a, b, c = q * z - r * y, r * x - p * z, p * y - q * x
+        return (
+            push[0] - (bxx * a + bxy * b + bxz * c) - (dxx * p + dxy * q + dxz * r),
+            push[1] - (byx * a + byy * b + byz * c) - (dyx * p + dyy * q + dyz * r),
+            push[2] - (bzx * a + bzy * b + bzz * c) - (dzx * p + dzy * q + dzz * r),
+        )
 
     rates, commands, wanted = [], [], [(0.0, 0.0, 0.0)] * behind
     w: Triple = (0.0, 0.0, 0.0)
