@@ -294,11 +294,7 @@ class LiveEstimate:
             return
         self._rate_hz = self._rate_hz or 1.0 / data.sample_period_s
         self._gyro_filter, self._unit = data.gyro_filter, data.input.unit
-        self._count(data)
-        self._add_blocks(data, data.input.source)
-
-    def _count(self, data: FlightData) -> None:
-        """Count the new rows: in flight, and at the limits."""
+        # Count the new rows: in flight, and at the limits.
         for segment in data.segments:
             if segment.end_s < self._counted_s - _TAIL_S:
                 self._counted_s = -math.inf  # the clock was set back
@@ -306,6 +302,7 @@ class LiveEstimate:
             self._flown_s += data.sample_period_s * float(np.count_nonzero(new))
             self._saturated_s += data.sample_period_s * float(np.count_nonzero(segment.saturated & new))
             self._counted_s = max(self._counted_s, segment.end_s)
+        self._add_blocks(data, data.input.source)
 
     def _add_blocks(self, data: FlightData, source: str) -> None:
         """Add the blocks that begin where the last one's second half did, or later."""
@@ -427,7 +424,7 @@ def notes(figures: LiveFigures) -> tuple[str, ...]:
     saturated = figures.saturated > _SATURATED
     limit = f"The motors were at their limits in {100.0 * figures.saturated:.0f} % of the flight."
     scaled = figures.unit == "N m" and any(axis.half_width < 1.0 for axis in figures.axes)
-    calibration = "Per N m as the parameters say: what they are off is not in the intervals."
+    calibration = "Per N m by the parameters: the intervals leave their error out."
     return tuple(
         filter(None, (limit if saturated else "", figures.oscillation, calibration if scaled else ""))
     )

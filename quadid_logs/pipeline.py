@@ -30,6 +30,7 @@ from quadid_logs.health import health_of
 from quadid_logs.identify import identify
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.structures import STRUCTURES, Structure
+from quadid_logs.identify.two_vehicles import with_lost_thrust
 from quadid_logs.load import prepare, read_log
 from quadid_logs.tuning import flown_parameters
 
@@ -204,7 +205,10 @@ def judge(
     identification = identify(
         data, settings.identify, structures, recommended=structure.name if structure else ""
     )
-    diagnosis = diagnose(log, data, identification, pooled, vehicle)
+    # Several logs are several vehicles as far as their rotors are concerned; only the first one's are known.
+    rotors = None if health is None or pooled else health.rotors
+    identification = with_lost_thrust(identification, rotors)
+    diagnosis = diagnose(log, data, identification, pooled, vehicle, rotors)
     identified = time.perf_counter()
     # Several logs may have flown with several controllers.
     closed_loop = None if pooled else _closed_loop(log, data, identification, diagnosis, settings, loop)

@@ -260,7 +260,12 @@ def _axis_check(promised: AxisPromise, after: Result, axis: str, obstacle: Obsta
             obstacle = Obstacle.NO_MARGINS
     if obstacle is not None or promised.margins is None or seen is None:
         return AxisCheck(held=Held.NOT_COMPARABLE, obstacle=obstacle, flown=flown, other_gains=other)
-    figures = tuple(_figures(*_same_loop(promised.margins, seen)))
+    # The margins with the angle loop, of the rate loop where one flight knows no other.
+    if promised.margins.full is None or seen.full is None:
+        same_loop = (promised.margins.rate, seen.rate)
+    else:
+        same_loop = (promised.margins.full, seen.full)
+    figures = tuple(_figures(*same_loop))
     return AxisCheck(
         held=Held.INSIDE,
         obstacle=None,
@@ -282,13 +287,6 @@ def _flown(promised: AxisPromise, after: Result, axis: str) -> Flown:
 def _margins(result: Result, axis: str) -> LoopMargins | None:
     loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
     return None if loop is None else loop.margins
-
-
-def _same_loop(promised: LoopMargins, seen: LoopMargins) -> tuple[Margins, Margins]:
-    """Return the margins with the angle loop, of the rate loop where one flight knows no other."""
-    if promised.full is None or seen.full is None:
-        return promised.rate, seen.rate
-    return promised.full, seen.full
 
 
 def _figures(promised: Margins, seen: Margins) -> Iterator[FigureCheck]:

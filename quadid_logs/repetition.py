@@ -207,10 +207,11 @@ def repeat(results: Sequence[Result]) -> Repeatability:
     _check(results)
     structure = _common_structure(results)
     same = copies([result.data for result in results])
+    # By axis why a flight does not tell its effectiveness.
     reasons = tuple(
         dict.fromkeys(AXES, f"it holds the same flight as log {same[place] + 1}")
         if place in same
-        else _reasons(result, structure)
+        else {axis: reason for axis in AXES if (reason := _why_unknown(result, structure, axis))}
         for place, result in enumerate(results)
     )
     found = [each for each in _quantities(results, structure, reasons) if len(each.estimates) > 1]
@@ -254,11 +255,6 @@ def _model(result: Result, structure: str) -> Model | None:
     return next((each for each in result.identification.models if each.structure == structure), None)
 
 
-def _reasons(result: Result, structure: str) -> Mapping[str, str]:
-    """Return by axis why a flight does not tell its effectiveness."""
-    return {axis: reason for axis in AXES if (reason := _why_unknown(result, structure, axis))}
-
-
 def _why_unknown(result: Result, structure: str, axis: str) -> str:
     """Say why a flight does not tell the effectiveness of an axis, "" if it does.
 
@@ -282,7 +278,10 @@ def _quantities(
 ) -> Iterator[RepeatedQuantity]:
     """Yield what the flights tell: effectiveness and damping by axis, lag and delay."""
     models = [_model(result, structure) for result in results]
-    ratio = _throttle_ratios(results)
+    # The mean throttle of each flight over that of the middle one; 1 where it is not told.
+    means = np.array([result.data.mean_throttle for result in results])
+    told = means > 0.0
+    ratio = np.where(told, means / np.median(means[told]), 1.0) if told.any() else np.ones(means.size)
     for axis, power in throttle_powers(results).items():
         trusted = [None if axis in why else model for why, model in zip(reasons, models, strict=True)]
         yield _effectiveness(axis, trusted, np.maximum(ratio, 1.0 / ratio) ** power - 1.0)
@@ -360,13 +359,6 @@ def _estimate(
     return FlightEstimate(
         flight=flight, value=value, half_width=own, allowed=math.hypot(own, spread / math.sqrt(2.0)) + alike
     )
-
-
-def _throttle_ratios(results: Sequence[Result]) -> FloatArray:
-    """Return the mean throttle of each flight over that of the middle one; 1 where it is not told."""
-    means = np.array([result.data.mean_throttle for result in results])
-    told = means > 0.0
-    return np.where(told, means / np.median(means[told]), 1.0) if told.any() else np.ones(means.size)
 
 
 def _quantity(

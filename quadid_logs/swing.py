@@ -197,7 +197,8 @@ def swing(
             "The chosen part of the log has no body rates.",
             hint="Give --start-s and --end-s on the log's clock, as `quadid-log info LOG` shows it.",
         )
-    number = AXES.index(axis) if axis else _busiest(series)
+    # The axis that turns most.
+    number = AXES.index(axis) if axis else int(np.argmax(np.var(series.values, axis=0)))
     time_s, rate = _uniform(series, number)
     frequency_hz = _strongest_hz(time_s, rate)
     candidates = (
@@ -214,7 +215,10 @@ def swing(
         np.array([each.moment_kg_m2 for each in runs]), np.array([each.half_width_kg_m2 for each in runs])
     )
     half = math.hypot(mean.half_width, hung.relative_half_width * mean.value)
-    air = _air(hung.span_m, AXES[number])
+    # The moment of inertia of air that swings along, at most. A flat disc that turns about its diameter moves
+    # 16/45 rho a^5 (H. Lamb, Hydrodynamics, article 108), and a vehicle with rotors in a plane less; one that
+    # turns in that plane, as in yaw, moves none.
+    air = 0.0 if AXES[number] == "yaw" else 16.0 / 45.0 * _AIR_KG_M3 * (0.5 * hung.span_m) ** 5
     return Swing(
         axis=AXES[number],
         moment_kg_m2=mean.value,
@@ -224,15 +228,6 @@ def swing(
         source=series.source,
         rate_hz=1.0 / series.period_s,
     )
-
-
-def _air(span_m: float, axis: str) -> float:
-    """Return the moment of inertia of air that swings along, at most.
-
-    A flat disc that turns about its diameter moves 16/45 rho a^5 (H. Lamb, Hydrodynamics, article 108), and a
-    vehicle with rotors in a plane less; one that turns in that plane, as in yaw, moves none.
-    """
-    return 0.0 if axis == "yaw" else 16.0 / 45.0 * _AIR_KG_M3 * (0.5 * span_m) ** 5
 
 
 def _rates(log: FlightLog) -> CleanSeries:
@@ -247,11 +242,6 @@ def _rates(log: FlightLog) -> CleanSeries:
     if not found:
         raise LogError("This log has no body rates on a clock.", hint="Log the gyro while disarmed.")
     return min(found, key=lambda each: each.period_s)
-
-
-def _busiest(series: CleanSeries) -> int:
-    """Return the axis that turns most."""
-    return int(np.argmax(np.var(series.values, axis=0)))
 
 
 def _uniform(series: CleanSeries, axis: int) -> tuple[FloatArray, FloatArray]:
@@ -290,7 +280,12 @@ def _spans(time_s: FloatArray, rate: FloatArray, frequency_hz: float) -> Iterato
     n_period = max(2, round(1.0 / (frequency_hz * step_s)))
     if time_s.size < _FEWEST_PERIODS * n_period:
         return
-    size = _envelope(rate, frequency_hz, step_s)
+    # The size of a swing at each sample: of rates near its frequency, without their phase. The log is
+    # followed by its mirror image, so that its end does not meet the push at its start.
+    spectrum = np.fft.fft(np.concatenate([rate, rate[::-1]]) - rate.mean())
+    frequency = np.fft.fftfreq(2 * rate.size, step_s)
+    kept = (frequency > frequency_hz / 1.5) & (frequency < frequency_hz * 1.5)
+    size = np.asarray(np.abs(np.fft.ifft(2.0 * spectrum * kept))[: rate.size])
     first = 0
     while first < size.size:
         # The next push: the highest point before the swing has died away, not the beginning of its rise.
@@ -313,17 +308,6 @@ def _spans(time_s: FloatArray, rate: FloatArray, frequency_hz: float) -> Iterato
         if end - start >= _FEWEST_PERIODS * n_period:
             yield start, end
         first = max(end, start) + n_period
-
-
-def _envelope(rate: FloatArray, frequency_hz: float, step_s: float) -> FloatArray:
-    """Return the size of a swing at each sample: of rates near its frequency, without their phase.
-
-    The log is followed by its mirror image, so that its end does not meet the push at its start.
-    """
-    spectrum = np.fft.fft(np.concatenate([rate, rate[::-1]]) - rate.mean())
-    frequency = np.fft.fftfreq(2 * rate.size, step_s)
-    kept = (frequency > frequency_hz / 1.5) & (frequency < frequency_hz * 1.5)
-    return np.asarray(np.abs(np.fft.ifft(2.0 * spectrum * kept))[: rate.size])
 
 
 def _fitted(

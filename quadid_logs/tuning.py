@@ -89,7 +89,13 @@ def recommend(
     log = result.log
     parameters = flown_parameters(log, result.data)
     tunable = named(log.autopilot).tunable(parameters, log.version)
-    obstacle = _obstacle(log, tunable)
+    # Name what no gains are given for.
+    if tunable is None:
+        obstacle = named(log.autopilot).title
+    elif tunable.obstacle:
+        obstacle = tunable.obstacle
+    else:
+        obstacle = "" if log.vehicle_type == MULTIROTOR else log.vehicle_type
     if tunable is None or obstacle:
         reason = finding("QL610", "warning", {"autopilot": log.autopilot, "vehicle": obstacle})
         refused = AxisTuning(verdict="refused", reasons=(reason,))
@@ -367,15 +373,6 @@ def _responses(controller: AxisController) -> ComplexArray:
     if controller.angle_gain_per_s is not None:
         paths.append(on_angle(controller, frequency_hz))
     return np.stack(paths)
-
-
-def _obstacle(log: FlightLog, tunable: Tunable | None) -> str:
-    """Name what no gains are given for."""
-    if tunable is None:
-        return named(log.autopilot).title
-    if tunable.obstacle:
-        return tunable.obstacle
-    return "" if log.vehicle_type == MULTIROTOR else log.vehicle_type
 
 
 def _case(

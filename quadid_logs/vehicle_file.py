@@ -76,9 +76,15 @@ def read_vehicle(path: Path) -> Vehicle:
     if not isinstance(name, str):
         raise _wrong(path, "name must be a text", 'For example: name = "my quad".')
     numbers = {key: _positive(path, key, content[key]) for key in _POSITIVE if key in content}
+    # The rotors.
+    tables = content.get("rotor", [])
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise _wrong(path, "rotor must be a list of tables", "Write [[rotor]] above each.")
+    if len(tables) > _MOST_ROTORS:
+        raise _wrong(path, f"{len(tables)} rotors are too many", f"At most {_MOST_ROTORS}.")
     return Vehicle(
         name=name,
-        rotors=_rotors(path, content.get("rotor", [])),
+        rotors=tuple(_rotor(path, table) for table in tables),
         thrust_curve=_thrust_curve(path, content["thrust_curve"]) if "thrust_curve" in content else None,
         inertia_kg_m2=_inertia(path, content["inertia_kg_m2"]) if "inertia_kg_m2" in content else None,
         path=str(path),
@@ -152,15 +158,6 @@ def _array(path: Path, key: str, value: Any, shapes: tuple[tuple[int, ...], ...]
     return array
 
 
-def _rotors(path: Path, tables: Any) -> tuple[Rotor, ...]:
-    """Return the rotors."""
-    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise _wrong(path, "rotor must be a list of tables", "Write [[rotor]] above each.")
-    if len(tables) > _MOST_ROTORS:
-        raise _wrong(path, f"{len(tables)} rotors are too many", f"At most {_MOST_ROTORS}.")
-    return tuple(_rotor(path, table) for table in tables)
-
-
 def _rotor(path: Path, table: Mapping[str, Any]) -> Rotor:
     """Return one rotor."""
     _refuse_unknown(path, table, _ROTOR_KEYS)
@@ -173,7 +170,13 @@ def _rotor(path: Path, table: Mapping[str, Any]) -> Rotor:
         raise _wrong(
             path, f"spin is {printable(table['spin'], 40)!r}", 'Give "ccw" or "cw", seen from above.'
         )
-    position = _array(path, "position_m", table["position_m"], ((3,),), "Give [x, y, z] in metres, FRD.")
+    position = _array(
+        path,
+        "position_m",
+        table["position_m"],
+        ((3,),),
+        "Give [x, y, z] in metres: to the front, to the right, down.",
+    )
     x, y, z = (float(value) for value in position)
     return Rotor(position_m=(x, y, z), spin=table["spin"])
 

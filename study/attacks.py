@@ -28,7 +28,9 @@ from quadid_logs.align import cut  # noqa: E402
 from quadid_logs.data.log import FlightLog  # noqa: E402
 from quadid_logs.data.settings import Settings  # noqa: E402
 from quadid_logs.diagnose import diagnose  # noqa: E402
+from quadid_logs.health import faults_of  # noqa: E402
 from quadid_logs.identify import identify  # noqa: E402
+from quadid_logs.identify.two_vehicles import with_lost_thrust  # noqa: E402
 from quadid_logs.load import prepare  # noqa: E402
 from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights  # noqa: E402
 from quadid_logs.simulate.airframes import hexa_x, quad_x, scaled  # noqa: E402
@@ -254,8 +256,9 @@ def judged(name: str, number: int, seed: int) -> Iterator[dict[str, Any]]:
     log, gains = flown(attack, 1000 * seed + number)
     prepared = prepare(log)
     data = cut(prepared, Settings().align)
-    identification = identify(data, Settings().identify)
-    diagnosis = diagnose(prepared.log, data, identification)
+    rotors = faults_of(prepared, data).rotors
+    identification = with_lost_thrust(identify(data, Settings().identify), rotors)
+    diagnosis = diagnose(prepared.log, data, identification, rotors=rotors)
     model = identification.recommended
     findings = sorted({found.code for found in diagnosis.findings})
     for axis in AXES:

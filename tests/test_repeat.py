@@ -124,7 +124,7 @@ def test_the_prediction_from_the_others_holds_the_flight_left_out() -> None:
     assert 0.93 <= held / n <= 1.0
 
 
-def test_what_flights_differ_by_is_measured_with_an_interval() -> None:
+def test_what_two_vehicles_by_is_measured_with_an_interval() -> None:
     """Five per cent between twelve flights, known to one per cent each."""
     random = np.random.default_rng(6)
     values = ROLL * (1.0 + 0.05 * random.standard_normal(12))
@@ -164,7 +164,7 @@ def test_two_refused_flights_are_not_comparable() -> None:
     found = repeat([refused_result(), flown(0)])
     assert found.verdict == "not comparable"
     assert found.quantities == ()
-    assert any("only flight0.bin tells it" in line for line in repetition_lines(found))
+    assert any("only flight0.bin identifies it" in line for line in repetition_lines(found))
 
 
 def test_one_flight_repeats_nothing() -> None:

@@ -56,7 +56,10 @@ def reconstruct(log: CleanLog, autopilot: Mixing, vehicle: Vehicle | None = None
         why and what to pass with --vehicle.
     """
     airframe = with_rotors(autopilot.find_airframe(log.log), vehicle)
-    logged = tuple(TorqueSeries(series=one) for one in _logged(log))
+    # The torques that the log holds.
+    logged = tuple(
+        TorqueSeries(series=one) for one in (*log.sources("torque_command"), *log.sources("torque_n_m"))
+    )
     if isinstance(airframe, Unknown):
         return Torques(TorqueModel(remarks=(airframe.remark,), needs=(airframe.need,)), logged)
     rebuilt = autopilot.rebuild(log, airframe)
@@ -97,11 +100,6 @@ def _torques(
         *_in_newton_metres(log, rebuilt.series, airframe, scaled, rebuilt.expo),
     )
     return Torques(model, tuple(one.possible() for one in sources))
-
-
-def _logged(log: CleanLog) -> tuple[CleanSeries, ...]:
-    """Return the torques that the log holds."""
-    return (*log.sources("torque_command"), *log.sources("torque_n_m"))
 
 
 def _commands(

@@ -90,6 +90,14 @@ def calibrate(
         torque = _torque(thrust.of(series[0]), series[0].actuator, airframe, position, ratio_m)
         calibration = _calibrated(calibration, thrust, _per_command(series[0], torque))
     known_yaw = thrust.of is not None and math.isfinite(ratio_m)
+    # Say what is missing for N m.
+    needs = []
+    if thrust.of is None:
+        needs.append("mass_kg (or max_thrust_n or thrust_curve)")
+    if position is None:
+        needs.append("arm_length_m (or [[rotor]] positions)")
+    if not math.isfinite(ratio_m):
+        needs.append("torque_to_thrust_m for yaw")
     return Scaled(
         calibration=calibration,
         thrust_of=thrust.of,
@@ -97,7 +105,7 @@ def calibrate(
         position=position,
         remarks=(airframe.yaw_remark,) if airframe.yaw_with_command and known_yaw else (),
         refused=thrust.refused,
-        needs=_needs(thrust, position, ratio_m),
+        needs=tuple(needs),
     )
 
 
@@ -366,15 +374,3 @@ def _slope(one: FloatArray, other: FloatArray) -> float:
     centred = one - one.mean()
     spread = float(centred @ centred)
     return float(centred @ (other - other.mean())) / spread if spread > 0.0 else math.nan
-
-
-def _needs(thrust: _Thrust, position: FloatArray | None, ratio_m: float) -> tuple[str, ...]:
-    """Say what is missing for N m."""
-    needs = []
-    if thrust.of is None:
-        needs.append("mass_kg (or max_thrust_n or thrust_curve)")
-    if position is None:
-        needs.append("arm_length_m (or [[rotor]] positions)")
-    if not math.isfinite(ratio_m):
-        needs.append("torque_to_thrust_m for yaw")
-    return tuple(needs)

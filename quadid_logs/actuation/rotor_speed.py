@@ -87,7 +87,8 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
     if np.count_nonzero(up) < _FEW_ROWS or np.ptp(speed[up]) < _LEAST_SPREAD * speed[up].mean():
         return RotorSpeed(verdict=f"{signal.source}: zero or constant in flight, not used")
     some = np.flatnonzero(up)
-    some = some[_some(some)]
+    # Choose as many rows as tell an age and a lag.
+    some = some[slice(None, None, max(1, len(some) // _ENOUGH_ROWS))]
     match = _match(speed[some], _commanded_speed, signal.time_s[some], reference)
     if _is_computed(speed[some], signal.time_s[some], reference, match.likeness):
         return RotorSpeed(verdict=f"{signal.source}: computed from the command, not measured; not used")
@@ -193,11 +194,6 @@ def _match(
             )
             best = max((best, *found), key=lambda one: one.likeness)
     return best
-
-
-def _some(rows: IntArray) -> slice:
-    """Choose as many rows as tell an age and a lag."""
-    return slice(None, None, max(1, len(rows) // _ENOUGH_ROWS))
 
 
 def _lagged(target: FloatArray, period_s: float, lag_s: float) -> FloatArray:

@@ -106,19 +106,15 @@ def clean(log: FlightLog) -> CleanLog:
         for name in (log.signals if _tells_time(log) else ())
     }
     flights = find_flights(choose_sources(candidates), _span(clock))
+    # Why there is no flight; of what has no rotors nothing is said that speaks of them.
+    is_known = log.vehicle_type not in (MULTIROTOR, "unknown")
     return CleanLog(
         log=log,
         clock=clock,
         candidates=candidates,
         flights=flights.intervals,
-        on_ground_reason=_reason(log, flights.reason),
+        on_ground_reason="this is not a multirotor" if flights.reason and is_known else flights.reason,
     )
-
-
-def _reason(log: FlightLog, reason: str) -> str:
-    """Return why there is no flight; of what has no rotors nothing is said that speaks of them."""
-    is_known = log.vehicle_type not in (MULTIROTOR, "unknown")
-    return "this is not a multirotor" if reason and is_known else reason
 
 
 def assemble(

@@ -42,14 +42,14 @@ def command_of(segment: Segment, modes: Sequence[ModeChange], gains: AngleGains)
     rate = segment.body_rate_rad_s
     # By trapezoids: half a sample of delay would leave a part of the angle in what is commanded.
     means = 0.5 * (rate + np.vstack([rate[:1], rate[:-1]]))
-    angles = TILT_MEMORY_S * lag(np.vstack([np.zeros((1, 3)), means]), _period_s(segment), TILT_MEMORY_S)
+    angles = TILT_MEMORY_S * lag(
+        np.vstack([np.zeros((1, 3)), means]),
+        float(segment.time_s[1] - segment.time_s[0]) if segment.n_samples > 1 else 1.0,
+        TILT_MEMORY_S,
+    )
     command = segment.reference.copy()
     command[:, :3] += _gain_at(segment.time_s, modes, gains) * angles[1:]
     return command
-
-
-def _period_s(segment: Segment) -> float:
-    return float(segment.time_s[1] - segment.time_s[0]) if segment.n_samples > 1 else 1.0
 
 
 def _gain_at(time_s: FloatArray, modes: Sequence[ModeChange], gains: AngleGains) -> FloatArray:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from quadid_logs.align.series import GAP_PERIODS, CleanSeries, Interval
-from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import SourceChoice
 from quadid_logs.maths.resampling import typical_period
 
@@ -79,7 +78,11 @@ def describe(
     -------
     SourceChoice
     """
-    steps = _steps_in_flight(series, flights)
+    # The time steps inside the flights, of the whole log where there is no flight.
+    if not flights:
+        steps = np.diff(series.time_s)
+    else:
+        steps = np.concatenate([np.diff(series.time_s[series.within(*flight)]) for flight in flights])
     period = typical_period(np.cumsum(steps))
     gaps = steps[steps > GAP_PERIODS * period]
     return SourceChoice(
@@ -97,13 +100,6 @@ def describe(
         n_not_finite=series.n_not_finite,
         others=tuple((other.source, other.rate_hz) for other in candidates if other is not series),
     )
-
-
-def _steps_in_flight(series: CleanSeries, flights: Sequence[Interval]) -> FloatArray:
-    """Return the time steps inside the flights, of the whole log where there is no flight."""
-    if not flights:
-        return np.diff(series.time_s)
-    return np.concatenate([np.diff(series.time_s[series.within(*flight)]) for flight in flights])
 
 
 def _reason(series: CleanSeries, candidates: Sequence[CleanSeries]) -> str:

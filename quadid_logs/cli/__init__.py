@@ -70,20 +70,16 @@ def main(argv: list[str] | None = None) -> int:
     except ReaderGoneError:
         return 141
     finally:
-        _forget_unwritten()
+        # Drop what could not be written: it would raise again when Python closes stdout.
+        try:
+            sys.stdout.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def _flushed() -> int:
     flush()
     return 0
-
-
-def _forget_unwritten() -> None:
-    """Drop what could not be written: it would raise again when Python closes stdout."""
-    try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
 
 
 def _dispatch(arguments: list[str]) -> int:

@@ -30,7 +30,9 @@ from quadid_logs.cli.progress import Part, Progress, parts
 from quadid_logs.cli.terminal import is_terminal, show_result
 from quadid_logs.errors import SeveralLogsError
 from quadid_logs.output import check_free, write_beside
+from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES
 
 if TYPE_CHECKING:
     from quadid_logs.data.result import Result
@@ -125,8 +127,8 @@ def analyze(
 ) -> int:
     """Identify the rotational model of each log and write a report; several logs get an index page too.
 
-    Exit code 0: usable. 1: at least one axis must not be trusted, of those that --axes names. 2: a log
-    could not be read, or the options make no sense.
+    Exit code 0: usable. 1: at least one axis must not be trusted, of those that --axes names, or that the
+    log's system-identification mode swept. 2: a log could not be read, or the options make no sense.
     """
     from quadid_logs.report import report_folders
     from quadid_logs.vehicle_file import read_vehicle
@@ -218,10 +220,19 @@ def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: 
     rows[folder] = index_row(result, folder.name)
     if wish.as_json or not wish.quiet:
         _say_result(result, folder, wish)
-    is_refused = any(result.verdict.get(axis) == "refused" for axis in wish.axes)
+    is_refused = bool(_refused(result) & {*_judged(result, wish)})
     if wish.quiet and not wish.as_json and is_refused:
         report_problem(one_line(result))
     return 1 if is_refused else 0
+
+
+def _judged(result: Result, wish: _Wish) -> tuple[str, ...]:
+    """Return the axes that the exit code is for; logs that are pooled may have swept other axes each."""
+    return wish.axes or (() if result.pooled else result.log.swept_axes) or AXES
+
+
+def _refused(result: Result) -> set[str]:
+    return {axis for axis, verdict in result.verdict.items() if verdict == "refused"}
 
 
 def _result_of(logs: list[Path], wish: _Wish, progress: Progress) -> Result:
@@ -260,4 +271,9 @@ def _say_result(result: Result, folder: Path, wish: _Wish) -> None:
     else:
         for line in result_lines(result):
             say(line)
+    judged = _judged(result, wish)
+    if not wish.axes and _refused(result) - {*judged}:
+        say(
+            f"  The flight swept {listed(judged)}: the exit code judges no other axis. --axes chooses others."
+        )
     say(f"  {'report' if wish.drawings else 'result'}: {written}")

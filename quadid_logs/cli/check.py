@@ -23,7 +23,7 @@ def check(
         typer.Option(
             "--promise",
             metavar="FILE",
-            help="promise.json of the flight before, or the folder that holds it.",
+            help="promise.json of the previous flight, or its folder.",
         ),
     ],
     vehicle: VehicleFile = None,

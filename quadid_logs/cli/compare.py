@@ -44,7 +44,9 @@ def compare(
     log_numbers: Annotated[
         tuple[int, int],
         typer.Option(
-            "--logs", metavar="N M", help="Which logs of files that hold several: of BEFORE, then of AFTER."
+            "--logs",
+            metavar="N M",
+            help="For files that hold several logs: the number in BEFORE, then in AFTER.",
         ),
     ] = (0, 0),
     system: System = 0,

@@ -21,7 +21,7 @@ def explain(
         str,
         typer.Argument(
             metavar="[CODE]",
-            help="A finding's code, as QL303 or 303; all are listed without.",
+            help="A finding's code, as QL303 or 303; without one, all are listed.",
             autocompletion=finding_codes,
         ),
     ] = "",

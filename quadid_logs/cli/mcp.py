@@ -11,7 +11,7 @@ import typer
 def mcp(
     allow: Annotated[
         list[Path],
-        typer.Option("--allow", metavar="FOLDER", help="Folder that may be read; once or more."),
+        typer.Option("--allow", metavar="FOLDER", help="Folder that may be read; may be repeated."),
     ],
 ) -> int:
     """Answer a language model's questions about logs: info, analyze, compare, explain, tune, plan, query.

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 StartS = Annotated[
     float | None,
     typer.Option(
-        "--start-s", metavar="S", help="Leave out what is before, on the log's clock as info shows it [s]."
+        "--start-s", metavar="S", help="Leave out everything before, on the log's clock as info shows it [s]."
     ),
 ]
 EndS = Annotated[
     float | None,
-    typer.Option("--end-s", metavar="S", help="Leave out what is after, on the same clock [s]."),
+    typer.Option("--end-s", metavar="S", help="Leave out everything after, on the same clock [s]."),
 ]
 Band = Annotated[
     tuple[float, float] | None,
@@ -46,7 +46,8 @@ AxisNames = Annotated[
     typer.Option(
         "--axes",
         metavar="AXIS,...",
-        help="Axes that the flight is for, as roll,pitch: the exit code is theirs [default: all].",
+        help="Axes that the flight is for, as roll,pitch: the exit code is theirs [default: those that the "
+        "log's system-identification mode swept, or all].",
         autocompletion=axes,
     ),
 ]
@@ -88,14 +89,14 @@ def settings_of(
 
 
 def axes_of(text: str) -> tuple[str, ...]:
-    """Return the axes that a text names between commas, all where it names none.
+    """Return the axes that a text names between commas.
 
     Raises
     ------
     SettingsError
         If one is no axis.
     """
-    names = [name.strip().lower() for name in text.split(",")] if text.strip() else list(AXES)
+    names = [name.strip().lower() for name in text.split(",")] if text.strip() else []
     for name in names:
         if name not in AXES:
             raise SettingsError(

@@ -29,7 +29,7 @@ def predict(
         typer.Option(
             "--sets",
             metavar="NAME,NAME",
-            help="Set of each LOG, in order: flights that repeat one trajectory belong into one.",
+            help="Set of each LOG, in order: flights of one trajectory belong into one set.",
         ),
     ] = "",
     vehicle: Annotated[

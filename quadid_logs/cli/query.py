@@ -57,9 +57,9 @@ def query(
 def report_set_aside(rows: Sequence[SetAside]) -> None:
     """Name the rows of a store that are not ours, so that nobody takes the rest for the whole."""
     for row in rows[:_MOST_NAMED]:
-        report_problem(f"a row of the store is set aside: {row.reason} (of {row.url})")
+        report_problem(f"a row of the store is skipped: {row.reason} (of {row.url})")
     if len(rows) > _MOST_NAMED:
-        report_problem(f"{len(rows) - _MOST_NAMED} more rows of the store are set aside")
+        report_problem(f"{len(rows) - _MOST_NAMED} more rows of the store are skipped")
 
 
 def _json_lines(answer: Answer) -> Iterator[str]:

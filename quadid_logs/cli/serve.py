@@ -20,7 +20,7 @@ def serve(
     store: Annotated[
         Path | None,
         typer.Option(
-            "--store", metavar="DIR", help="Where logs and results stay [default: the user's data folder]."
+            "--store", metavar="DIR", help="Folder for logs and results [default: the user's data folder]."
         ),
     ] = None,
     host: Annotated[

@@ -32,7 +32,7 @@ def swing(
         typer.Option(
             "--axis",
             metavar="AXIS",
-            help="roll, pitch or yaw: what hangs vertically [default: what turns most].",
+            help="Axis that hangs vertically: roll, pitch or yaw [default: the one that turns most].",
         ),
     ] = "",
     span_m: Annotated[
@@ -40,7 +40,7 @@ def swing(
         typer.Option(
             "--span",
             metavar="M",
-            help="Largest dimension across that axis [m]: for the air that swings along.",
+            help="Largest dimension across that axis [m], for the air that swings along.",
         ),
     ] = 0.0,
     length_error_m: Annotated[

@@ -254,7 +254,13 @@ def _decoded(
     kinds = (("I", np.flatnonzero(is_complete)), ("P", np.flatnonzero(~is_complete)))
     _fill(file, header, kinds, position, values, valid, (int(position[0]), stop))
     add_differences(values, is_complete, header)
-    return values, _forward(values, valid, is_complete)
+    # Mark frames up to the first fault behind each complete one: there all later ones are wrong too.
+    step_us = np.diff(values[:, 1].view(np.uint32), prepend=values[:1, 1].view(np.uint32))
+    wrong = ~valid | (~is_complete & ((step_us == 0) | (step_us > _LONGEST_PAUSE_US)))
+    n_wrong = np.cumsum(wrong)
+    before = np.where(is_complete, n_wrong - wrong, 0)
+    good: BoolArray = n_wrong == np.maximum.accumulate(before)
+    return values, good
 
 
 def _filled(column: Column, rows: slice, values: NDArray[np.int32]) -> Column:
@@ -288,16 +294,6 @@ def _fill(
             decoded, valid[rows[found]] = frame_values(block, at[found] - start + 1, layout, groups[letter])
             add_constants(decoded, layout, header)
             values[rows[found]] = decoded.T
-
-
-def _forward(values: NDArray[np.int32], valid: BoolArray, is_complete: BoolArray) -> BoolArray:
-    """Mark frames up to the first fault behind each complete one: there all later ones are wrong too."""
-    step_us = np.diff(values[:, 1].view(np.uint32), prepend=values[:1, 1].view(np.uint32))
-    wrong = ~valid | (~is_complete & ((step_us == 0) | (step_us > _LONGEST_PAUSE_US)))
-    n_wrong = np.cumsum(wrong)
-    before = np.where(is_complete, n_wrong - wrong, 0)
-    good: BoolArray = n_wrong == np.maximum.accumulate(before)
-    return good
 
 
 def _other_tables(file: FileParts, header: Header, frames: Frames, main: FrameTable) -> dict[str, FrameTable]:

@@ -202,7 +202,18 @@ def frame_values(
         if group.encoding == TAG8_8SVB:
             _tag8_8svb(block, at, out, valid)
         elif group.encoding == TAG8_4S16:
-            _tag8_4s16(block, at, out)
+            # Fill in four fields of 0, 4, 8 or 16 bits, as the first byte says; half bytes follow, high
+            # first.
+            tag = block.bytes[at]
+            for k in range(len(out)):
+                count, offset = _NIBBLES[tag, k], _NIBBLE_AT[tag, k]
+                here = np.flatnonzero(count)
+                count, offset = count[here], offset[here]
+                first = at[here] + 1 + offset // 2
+                window = _big_endian(block.bytes, first, 3)
+                out[k, here] = _extended(
+                    window >> (24 - 4 * (offset % 2 + count)).astype(np.uint32), 4 * count
+                )
         elif group.encoding == TAG2_3S32:
             _tag2_3(block, at, out, _TAG2_3S32_BITS, contiguous=False)
         elif group.encoding == TAG2_3SVARIABLE:
@@ -257,18 +268,6 @@ def _tag8_8svb(block: Block, at: IntArray, out: Words, valid: BoolArray) -> None
         start[here] = end
 
 
-def _tag8_4s16(block: Block, at: IntArray, out: Words) -> None:
-    """Fill in four fields of 0, 4, 8 or 16 bits, as the first byte says; half bytes follow, high first."""
-    tag = block.bytes[at]
-    for k in range(len(out)):
-        count, offset = _NIBBLES[tag, k], _NIBBLE_AT[tag, k]
-        here = np.flatnonzero(count)
-        count, offset = count[here], offset[here]
-        first = at[here] + 1 + offset // 2
-        window = _big_endian(block.bytes, first, 3)
-        out[k, here] = _extended(window >> (24 - 4 * (offset % 2 + count)).astype(np.uint32), 4 * count)
-
-
 def _tag2_3(
     block: Block, at: IntArray, out: Words, bits: tuple[tuple[int, ...], ...], *, contiguous: bool
 ) -> None:
@@ -287,14 +286,11 @@ def _tag2_3(
     counts = _COUNTED[block.bytes[at[here]]]
     for k in range(len(out)):
         word = _big_endian(block.bytes, start + 3, 4, step=-1)
-        out[k, here] = _extended_bytes(word, counts[:, k])
+        # Extend the sign of the lowest 1 to 4 bytes to 32 bits.
+        count = counts[:, k]
+        shift = (32 - 8 * count).astype(np.uint32)
+        out[k, here] = ((word << shift).view(np.int32) >> shift.view(np.int32)).view(np.uint32)
         start = start + counts[:, k]
-
-
-def _extended_bytes(word: Words, count: IntArray) -> Words:
-    """Extend the sign of the lowest 1 to 4 bytes to 32 bits."""
-    shift = (32 - 8 * count).astype(np.uint32)
-    return ((word << shift).view(np.int32) >> shift.view(np.int32)).view(np.uint32)
 
 
 def _big_endian(content: Bytes, at: IntArray, count: int, step: int = 1) -> Words:

@@ -40,16 +40,6 @@ def room_for(n_bytes: int) -> Bytes:
     return room[begin : begin + n_bytes]
 
 
-def _keep_small_memory() -> None:
-    """Let the C library keep arrays of up to 8 MB that are done with, for the next ones.
-
-    glibc hands back what is larger than the largest block that was freed so far
-    (mallopt(3), M_MMAP_THRESHOLD), at first 128 kB. The system zeroes every page
-    again before its next use, which costs more than most of what is done with it.
-    """
-    np.empty(_KEPT_BYTES, np.uint8)
-
-
 class FileParts:
     """An open file that is read part by part, so that it is never in memory as a whole.
 
@@ -77,7 +67,11 @@ class FileParts:
         OSError
             If it cannot be opened.
         """
-        _keep_small_memory()
+        # Let the C library keep arrays of up to 8 MB that are done with, for the next ones. glibc hands back
+        # what is larger than the largest block that was freed so far (mallopt(3), M_MMAP_THRESHOLD), at first
+        # 128 kB. The system zeroes every page again before its next use, which costs more than most of what
+        # is done with it.
+        np.empty(_KEPT_BYTES, np.uint8)
         return cls(Path(path).open("rb"), str(path))
 
     def part(self, start: int, stop: int) -> Bytes:

@@ -155,7 +155,11 @@ class DataFlashFile:
         self, groups: list[tuple[MessageDefinition, AnyArray]], labels: Collection[str] | None = None
     ) -> dict[str, MessageTable]:
         """Decode the rows of each group and join groups of one name."""
-        units = self._units_by_type()
+        # Read FMTU, UNIT and MULT once.
+        if self._units is None:
+            self._units = {}  # the tables that hold the units have none themselves
+            self._units = _read_units(self, self._index)
+        units = self._units
         tables: dict[str, list[MessageTable]] = {}
         for definition, columns in _gather(self._content, groups, labels):
             table = MessageTable(
@@ -188,13 +192,6 @@ class DataFlashFile:
             for group in by_version(versions, positions[bounds[type_id] : bounds[type_id + 1]])
             if types is None or group[0].name in types
         ]
-
-    def _units_by_type(self) -> dict[int, dict[str, Unit]]:
-        """Read FMTU, UNIT and MULT once."""
-        if self._units is None:
-            self._units = {}  # the tables that hold the units have none themselves
-            self._units = _read_units(self, self._index)
-        return self._units
 
 
 def read_messages(path: str | Path, types: Collection[str] | None = None) -> dict[str, MessageTable]:

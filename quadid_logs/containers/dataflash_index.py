@@ -258,15 +258,6 @@ def _with_credible_length(
     return replace(definition, length=from_format if votes[1] > votes[0] else definition.length)
 
 
-def _has_header(content: FileParts, positions: IntArray) -> BoolArray:
-    """Say where a header, the beginning of one cut off, or exactly the end of the file stands."""
-    found = [
-        position <= content.n_bytes and HEADER.startswith(content.part(position, position + 2).tobytes())
-        for position in positions.tolist()
-    ]
-    return np.array(found, np.bool_)
-
-
 def _leads_on(content: FileParts, headers: Headers, ends: IntArray) -> BoolArray:
     """Say which messages that end there are followed by a header, or by the file's end."""
     return _find_successors(content, headers, np.full(len(ends), -1, np.int64), ends) >= 0
@@ -394,7 +385,13 @@ def _find_successors(content: FileParts, headers: Headers, header: IntArray, end
     here = headers.position[np.minimum(successor, n_headers - 1)].astype(np.int64)
     at_header = (successor < n_headers) & (here == end) & (successor > header)
     at_end = end > content.n_bytes - 3
-    at_end[at_end] = _has_header(content, end[at_end])  # a read for each: only where it matters
+    # Say where a header, the beginning of one cut off, or exactly the end of the file stands.
+    positions = end[at_end]
+    found = [
+        position <= content.n_bytes and HEADER.startswith(content.part(position, position + 2).tobytes())
+        for position in positions.tolist()
+    ]
+    at_end[at_end] = np.array(found, np.bool_)  # a read for each: only where it matters
     return np.where(at_header, successor, np.where(at_end, n_headers, -1))
 
 

@@ -43,7 +43,13 @@ class TextLog:
         self._lines = content.split(b"\n")
         lengths = np.fromiter(map(len, self._lines), np.int64, len(self._lines))
         self._offsets: IntArray = np.concatenate([[0], np.cumsum(lengths + 1)])
-        self._by_name = self._sort_lines()
+        # Group the numbers of the lines by what stands before their first comma.
+        by_name: dict[str, list[int]] = {}
+        for number, line in enumerate(self._lines):
+            name, comma, _ = line.partition(b",")
+            if comma:
+                by_name.setdefault(name.decode("latin-1"), []).append(number)
+        self._by_name = by_name
         self._definitions = self._read_definitions()
         first = self._by_name["FMT"][0] if self._definitions else len(self._lines)
         self.preamble = tuple(
@@ -114,15 +120,6 @@ class TextLog:
             name: list(dict.fromkeys([rows[0], rows[-1]])) for name, rows in self._by_name.items() if rows
         }
         return self._parse({name: ends[name] for name in self._definitions if name in ends and name != "FMT"})
-
-    def _sort_lines(self) -> dict[str, list[int]]:
-        """Group the numbers of the lines by what stands before their first comma."""
-        by_name: dict[str, list[int]] = {}
-        for number, line in enumerate(self._lines):
-            name, comma, _ = line.partition(b",")
-            if comma:
-                by_name.setdefault(name.decode("latin-1"), []).append(number)
-        return by_name
 
     def _read_definitions(self) -> dict[str, list[MessageDefinition]]:
         """Parse the FMT lines; a definition that changes holds from its line on."""

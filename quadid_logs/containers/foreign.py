@@ -55,15 +55,11 @@ def explain_foreign(head: bytes, known: str) -> str:
         return "Its beginning is all zeros: the card was full or the copy failed."
     if not head.strip(b"\xff"):
         return "Its beginning is erased flash memory (0xff)."
-    if _is_text(head):
+    # Tell whether the bytes are text: no control characters besides white space.
+    sample = head[:4096]
+    if not any(byte < 32 and byte not in b"\t\r\n\f\x1b" for byte in sample):
         return (
             "It is text, but neither a log nor a table with a column time_s "
             f"(and p_rad_s, q_rad_s, r_rad_s, ...). Known are {known}."
         )
     return f"Known are {known}."
-
-
-def _is_text(head: bytes) -> bool:
-    """Tell whether the bytes are text: no control characters besides white space."""
-    sample = head[:4096]
-    return not any(byte < 32 and byte not in b"\t\r\n\f\x1b" for byte in sample)

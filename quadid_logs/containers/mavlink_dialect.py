@@ -35,7 +35,18 @@ class MessageType:
     @property
     def dtype(self) -> np.dtype[np.void]:
         """The untruncated payload."""
-        return _payload_dtype(self.struct_format, self.fields)
+        # Translate a struct format with one item per field, as "<fHH16sB".
+        fields: list[tuple[str, object]] = []
+        for (count, code), name in zip(
+            re.findall(r"(\d*)([A-Za-z])", self.struct_format), self.fields, strict=True
+        ):
+            if code == "s":
+                fields.append((name, f"S{count or 1}"))
+            elif code == "c":
+                fields.append((name, "S1"))
+            else:
+                fields.append((name, (f"<{code}", (int(count),)) if count else f"<{code}"))
+        return np.dtype(fields)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,19 +95,6 @@ def load_dialect() -> Dialect:
         longest[msg_id] = struct.calcsize(struct_format)
     extra.flags.writeable = longest.flags.writeable = False
     return Dialect(types=MappingProxyType(types), extra=extra, longest=longest)
-
-
-def _payload_dtype(struct_format: str, names: tuple[str, ...]) -> np.dtype[np.void]:
-    """Translate a struct format with one item per field, as "<fHH16sB"."""
-    fields: list[tuple[str, object]] = []
-    for (count, code), name in zip(re.findall(r"(\d*)([A-Za-z])", struct_format), names, strict=True):
-        if code == "s":
-            fields.append((name, f"S{count or 1}"))
-        elif code == "c":
-            fields.append((name, "S1"))
-        else:
-            fields.append((name, (f"<{code}", (int(count),)) if count else f"<{code}"))
-    return np.dtype(fields)
 
 
 def enum_names(enum: str, prefix: str) -> dict[int, str]:

@@ -119,7 +119,16 @@ def frame(file: FileParts, dialect: Dialect) -> Framing:
         type, whose checksum cannot be known, where they fill a gap exactly.
     """
     packets = _all_packets(file, dialect)
-    keep = _without_overlap(packets)
+    # Mark the packets that do not begin inside an earlier one: a checksum can be right by chance.
+    keep = np.ones(len(packets.start), bool)
+    ends = packets.end
+    inside = np.flatnonzero(packets.start[1:] < np.maximum.accumulate(ends)[:-1]) + 1
+    last, end = -1, 0
+    for k in inside.tolist():
+        if k - 1 != last:
+            end = int(ends[k - 1])  # the one before begins inside none: it is kept
+        keep[k] = int(packets.start[k]) >= end
+        last, end = k, int(ends[k]) if keep[k] else end
     packets = packets if keep.all() else packets.where(keep)
     before = packets.start[1:] - packets.end[:-1]
     # A bare MAVLink stream has no host times.
@@ -290,20 +299,6 @@ def crc_of_columns(words: NDArray[np.uint16], begun: IntArray) -> NDArray[np.uin
         y ^= state << 11
         crc[first:] = y ^ y >> 5 ^ y >> 12
     return crc
-
-
-def _without_overlap(found: Packets) -> BoolArray:
-    """Mark the packets that do not begin inside an earlier one: a checksum can be right by chance."""
-    keep = np.ones(len(found.start), bool)
-    ends = found.end
-    inside = np.flatnonzero(found.start[1:] < np.maximum.accumulate(ends)[:-1]) + 1
-    last, end = -1, 0
-    for k in inside.tolist():
-        if k - 1 != last:
-            end = int(ends[k - 1])  # the one before begins inside none: it is kept
-        keep[k] = int(found.start[k]) >= end
-        last, end = k, int(ends[k]) if keep[k] else end
-    return keep
 
 
 def _between(

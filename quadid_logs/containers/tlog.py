@@ -24,7 +24,7 @@ from quadid_logs.containers.mavlink_clock import (
     merge_clocks,
     usec_to_boot_s,
 )
-from quadid_logs.containers.mavlink_dialect import Dialect, MessageType, load_dialect
+from quadid_logs.containers.mavlink_dialect import Dialect, load_dialect
 from quadid_logs.containers.mavlink_frames import (
     LONGEST,
     MAGIC_1,
@@ -209,7 +209,15 @@ def _decode(
     tables: dict[int, MessageRows] = {}
     for msg_id, count in enumerate(np.bincount(packets.msg_id).tolist()):
         if count and (names is None or dialect.types[msg_id].name in names):
-            tables[msg_id] = _no_rows_yet(dialect.types[msg_id], count)
+            # A table for so many rows: zero is what a sender leaves out of a payload's end.
+            kind = dialect.types[msg_id]
+            tables[msg_id] = MessageRows(
+                name=kind.name,
+                rows=np.zeros(count, kind.dtype),
+                position=np.empty(count, np.int64),
+                system_id=np.empty(count, np.uint8),
+                component_id=np.empty(count, np.uint8),
+            )
     if not tables:
         return {}
     is_wanted = np.isin(packets.msg_id, list(tables))
@@ -227,17 +235,6 @@ def _decode(
             done, filled[msg_id] = filled[msg_id], filled[msg_id] + len(chosen)
             _fill(tables[msg_id], slice(done, filled[msg_id]), block, begin, part.where(chosen))
     return {table.name: table for table in tables.values()}
-
-
-def _no_rows_yet(kind: MessageType, count: int) -> MessageRows:
-    """Return a table for so many rows: zero is what a sender leaves out of a payload's end."""
-    return MessageRows(
-        name=kind.name,
-        rows=np.zeros(count, kind.dtype),
-        position=np.empty(count, np.int64),
-        system_id=np.empty(count, np.uint8),
-        component_id=np.empty(count, np.uint8),
-    )
 
 
 def _fill(table: MessageRows, place: slice, block: Bytes, begin: int, packets: Packets) -> None:

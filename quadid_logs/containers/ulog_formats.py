@@ -71,16 +71,14 @@ class Formats:
         # Most formats are never subscribed: only their grammar is checked here.
         if self.fields.get(match[1]) != match[2]:
             self.fields[match[1]] = match[2]
-            self._forget(match[1])
-
-    def _forget(self, name: str) -> None:
-        """Drop the layouts of a format that has changed and of those that hold it; the others stay."""
-        changed = [name]
-        while changed:
-            each = changed.pop()
-            self._layouts.pop(each, None)
-            self._rows.pop(each, None)
-            changed += self._held_by.pop(each, ())
+            # Drop the layouts of a format that has changed and of those that hold it; the others stay.
+            name = match[1]
+            changed = [name]
+            while changed:
+                each = changed.pop()
+                self._layouts.pop(each, None)
+                self._rows.pop(each, None)
+                changed += self._held_by.pop(each, ())
 
     def row(self, name: str) -> tuple[np.dtype[np.void], int]:
         """Return the structured dtype of a topic's row and the row's size with padding at the end.

@@ -155,12 +155,6 @@ def _enter_file(walk: _Walk, position: int) -> int:
     return position + HEADER_SIZE
 
 
-def _forget_images(walk: _Walk) -> None:
-    """Ids have a new meaning from here on: the images found before are void."""
-    walk.images = _no_images()
-    walk.stale = True
-
-
 def _lose(walk: _Walk, begin: int, end: int, reason: str) -> None:
     walk.lost.append(LostBytes(offset=begin, n_bytes=end - begin, reason=reason))
 
@@ -369,7 +363,9 @@ def _take(walk: _Walk, kind: int, body: bytes, position: int) -> None:
     if len(known.subscriptions) > n_topics:
         topic = known.subscriptions[-1]
         if walk.least[topic.msg_id] < NO_SIZE:
-            _forget_images(walk)
+            # Ids have a new meaning from here on: the images found before are void.
+            walk.images = _no_images()
+            walk.stale = True
         walk.least[topic.msg_id] = topic.dtype.itemsize
         walk.most[topic.msg_id] = topic.max_size
         walk.topic[topic.msg_id] = n_topics

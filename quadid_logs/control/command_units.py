@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.data.closed_loop import Estimated
 from quadid_logs.data.controller import CommandUnit
 from quadid_logs.data.flight import FlightData
@@ -42,7 +41,12 @@ def per_command(data: FlightData, model: Model) -> tuple[FlightData, Model]:
     calibration = data.input.calibration
     n_m = np.array(calibration.n_m_per_command)
     segments = tuple(replace(each, torque=each.torque / n_m) for each in data.segments)
-    given = replace(data.input, torque_per_thrust=_divided(data.input.torque_per_thrust, n_m))
+    given = replace(
+        data.input,
+        torque_per_thrust=None
+        if data.input.torque_per_thrust is None
+        else data.input.torque_per_thrust / n_m[:, np.newaxis],
+    )
     own = {ON_AXIS[axis]: number for number, axis in enumerate(AXES)}
     parameters = tuple(
         _converted(one, calibration, own[one.target, one.regressor])
@@ -54,10 +58,6 @@ def per_command(data: FlightData, model: Model) -> tuple[FlightData, Model]:
     return replace(data, segments=segments, input=given), replace(
         model, parameters=parameters, posterior=posterior
     )
-
-
-def _divided(torque_per_thrust: FloatArray | None, n_m: FloatArray) -> FloatArray | None:
-    return None if torque_per_thrust is None else torque_per_thrust / n_m[:, np.newaxis]
 
 
 def in_degrees(effectiveness: Estimated, unit: CommandUnit) -> Estimated:

@@ -72,7 +72,12 @@ def conditioned(
     )
     slack_s = TOLERANCE / (2.0 * np.pi * fitted_hz) if crosses_above else 0.0
     first = _moved(plants, measured, hold_s, TOLERANCE, slack_s)
-    tolerance = _tolerance(measured, _relative(first.at(slice(0, 1)), plants, measured, hold_s)[0])
+    # What lag and delay leave of gain and phase, by the scatter of the bands and by experience.
+    modelled = _relative(first.at(slice(0, 1)), plants, measured, hold_s)[0]
+    n_bands = measured.frequency_hz.size
+    scatter = float(np.sum((measured.value - modelled) ** 2) - np.sum(measured.error**2))
+    seen = max(0.5 * scatter, 0.0)
+    tolerance = float(np.sqrt((_BANDS_ASSUMED * TOLERANCE**2 + seen) / (_BANDS_ASSUMED + n_bands)))
     return _moved(plants, measured, hold_s, tolerance, slack_s * tolerance / TOLERANCE)
 
 
@@ -86,18 +91,18 @@ def _moved(plants: Plant, measured: _Measured, hold_s: float, tolerance: float, 
         [np.log(free.effectiveness), free.damping, free.lag_s, free.delay_s, free.reaction]
     )
     seen = _relative(free, plants, measured, hold_s)
-    noise = _noise(measured, tolerance)
+    # The covariance of what was measured: random errors, and what lag and delay leave.
+    octave = np.log2(measured.frequency_hz)
+    alike = np.exp(-np.abs(octave[:, np.newaxis] - octave) / _ALIKE_OCTAVES)
+    one = tolerance**2 * alike + np.diag(0.5 * measured.error**2)
+    noise = np.kron(np.eye(2), one)
     spread, seen_spread = (each[1:] - each[1:].mean(axis=0) for each in (numbers, seen))
     together = seen_spread.T @ seen_spread / (len(spread) - 1) + noise
     gain = np.linalg.solve(together, seen_spread.T @ spread / (len(spread) - 1))
     drawn = random.standard_normal(seen.shape) @ np.linalg.cholesky(noise).T
     drawn[0] = 0.0
-    return _plant(numbers + (measured.value + drawn - seen) @ gain)
-
-
-def _plant(numbers: FloatArray) -> Plant:
-    """Return plants of logarithms of effectiveness, dampings, lags, delays, reactions; no time below none."""
-    logarithm, damping, lag_s, delay_s, reaction = numbers.T
+    # Plants of logarithms of effectiveness, dampings, lags, delays, reactions; no time below none.
+    logarithm, damping, lag_s, delay_s, reaction = (numbers + (measured.value + drawn - seen) @ gain).T
     effectiveness = np.exp(logarithm)
     # Below the crossover the two act as one: what one is short of, the other gives.
     total_s = np.maximum(lag_s + delay_s, 0.0)
@@ -114,19 +119,3 @@ def _relative(plants: Plant, reference: Plant, measured: _Measured, hold_s: floa
 def _parts(ratio: ComplexArray) -> FloatArray:
     """Return the logarithm of the gain, and the phase beside it."""
     return np.hstack([np.log(np.abs(ratio)), np.angle(ratio)])
-
-
-def _noise(measured: _Measured, tolerance: float) -> FloatArray:
-    """Return the covariance of what was measured: random errors, and what lag and delay leave."""
-    octave = np.log2(measured.frequency_hz)
-    alike = np.exp(-np.abs(octave[:, np.newaxis] - octave) / _ALIKE_OCTAVES)
-    one = tolerance**2 * alike + np.diag(0.5 * measured.error**2)
-    return np.kron(np.eye(2), one)
-
-
-def _tolerance(measured: _Measured, modelled: FloatArray) -> float:
-    """Return what lag and delay leave of gain and phase, by the scatter of the bands and by experience."""
-    n_bands = measured.frequency_hz.size
-    scatter = float(np.sum((measured.value - modelled) ** 2) - np.sum(measured.error**2))
-    seen = max(0.5 * scatter, 0.0)
-    return float(np.sqrt((_BANDS_ASSUMED * TOLERANCE**2 + seen) / (_BANDS_ASSUMED + n_bands)))

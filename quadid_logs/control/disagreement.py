@@ -63,7 +63,8 @@ def explain(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Rep
         With reason, parameter and numbers.
     """
     given = inputs[axis]
-    part = _worst_part(given)
+    # The rows in which the replay differs most.
+    part = _busiest(_output(given, given.rows) - given.rows.output)
     if "I" not in given.as_logged:
         # Where the log does not say when the integrator stopped, each stop that is missed moves all that
         # follows, and no gain.
@@ -161,11 +162,6 @@ def _differs(factors: Sequence[float], tolerance: float) -> bool:
     above, below = (sum(sign * (factor - 1.0) > tolerance for factor in factors) for sign in (1.0, -1.0))
     n_beyond = max(above, below)
     return bool(2.0 * bdtrc(n_beyond - 1, len(factors), 0.5) < _CHANCE)
-
-
-def _worst_part(given: ReplayInput) -> slice:
-    """Return the rows in which the replay differs most."""
-    return _busiest(_output(given, given.rows) - given.rows.output)
 
 
 def _busiest(values: FloatArray) -> slice:
@@ -369,11 +365,6 @@ def _are_of_file(given: ReplayInput, gains: Mapping[str, float], rows: AxisRows)
     return True
 
 
-def _free(rows: AxisRows) -> AxisRows:
-    """Return rows whose integrator never stops, where the log does not say: other gains cannot tell."""
-    return replace(rows, limited=np.zeros(rows.n_rows, np.bool_)) if rows.limited is None else rows
-
-
 class _Steps(NamedTuple):
     """Steps of the output, and of it with one gain 1 and the others 0, by the gain's parameter."""
 
@@ -385,7 +376,8 @@ class _Steps(NamedTuple):
 def _steps(given: ReplayInput, rows: AxisRows) -> _Steps:
     usable = usable_rows(rows)
     usable[1:] &= usable[:-1]
-    free = _free(rows)
+    # Rows whose integrator never stops, where the log does not say: other gains cannot tell.
+    free = replace(rows, limited=np.zeros(rows.n_rows, np.bool_)) if rows.limited is None else rows
     by_gain = {}
     for name in given.gains.values():
         only = {one: float(one == name) for one in given.gains.values()}

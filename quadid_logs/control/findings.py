@@ -52,7 +52,7 @@ def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
             if one is not None:
                 yield one
         if found.contradicted:
-            yield finding("QL603", "warning", {"fitted_to_hz": rounded(found.known_hz)}, axes=(axis,))
+            yield finding("QL603", "warning", {}, axes=(axis,))
     unchecked = [axis for axis, found in loop.axes.items() if _unchecked(found)]
     if unchecked:
         title = "The log does not show whether the controller flew with the logged parameters"

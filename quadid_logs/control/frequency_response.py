@@ -266,7 +266,13 @@ def confirm(
     bands = np.eye(ratio.frequency_hz.size, dtype=np.bool_)
     off = np.array([_distance(ratio, drawn, band) for band in bands])
     agrees = np.asarray(off <= chdtri(2, 1.0 - _CONFIDENCE), dtype=np.bool_)
-    return Confirmation(max(fitted_hz, _without_break_hz(ratio.frequency_hz, agrees)), contradicted=False)
+    # Up to where bands agree, no more than two thirds of an octave apart from each other.
+    known_hz = 0.0
+    for each_hz in ratio.frequency_hz[agrees]:
+        if known_hz and each_hz > known_hz * 2.0 ** (2.0 / 3.0):
+            break
+        known_hz = float(each_hz)
+    return Confirmation(max(fitted_hz, known_hz), contradicted=False)
 
 
 def _distance(ratio: Response, drawn: ComplexArray | None, bands: BoolArray) -> float:
@@ -282,13 +288,3 @@ def _distance(ratio: Response, drawn: ComplexArray | None, bands: BoolArray) -> 
         covariance = covariance + np.cov(parts, rowvar=False)
     both = np.concatenate([off.real, off.imag])
     return float(both @ np.linalg.solve(covariance, both))
-
-
-def _without_break_hz(frequency_hz: FloatArray, agrees: BoolArray) -> float:
-    """Return up to where bands agree, no more than two thirds of an octave apart from each other."""
-    known_hz = 0.0
-    for each_hz in frequency_hz[agrees]:
-        if known_hz and each_hz > known_hz * 2.0 ** (2.0 / 3.0):
-            break
-        known_hz = float(each_hz)
-    return known_hz

@@ -142,7 +142,11 @@ def margins_of(
     def estimated(
         name: str, at_limit: float | None, scale: Callable[[FloatArray], FloatArray]
     ) -> Estimated | None:
-        sides = [scale(_at_limit(getattr(each, name), each.stable, at_limit)) for each in (found, worse)]
+        # Put an unstable loop at the limit of stability; without a limit it says nothing.
+        sides = [
+            scale(np.where(each.stable, getattr(each, name), np.nan if at_limit is None else at_limit))
+            for each in (found, worse)
+        ]
         return _estimated(*sides)
 
     return Margins(
@@ -166,11 +170,6 @@ def _same(values: FloatArray) -> FloatArray:
 
 def _decibel(factor: FloatArray) -> FloatArray:
     return np.asarray(20.0 * np.log10(factor))
-
-
-def _at_limit(values: FloatArray, stable: BoolArray, at_limit: float | None) -> FloatArray:
-    """Put an unstable loop at the limit of stability; without a limit it says nothing."""
-    return np.where(stable, values, np.nan if at_limit is None else at_limit)
 
 
 def _estimated(values: FloatArray, worse: FloatArray) -> Estimated | None:

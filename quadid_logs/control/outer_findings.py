@@ -7,12 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.control.outer_loops import FEWEST_ROWS
 from quadid_logs.control.room import Room, figures, room_of
 from quadid_logs.data.closed_loop import Estimated, Margins
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.log import PositionRows
-from quadid_logs.data.outer_loops import CascadeReplay, OuterLoop, OuterLoops, Shown, shown_by
+from quadid_logs.data.outer_loops import FEWEST_ROWS, CascadeReplay, OuterLoop, OuterLoops, Shown, shown_by
 from quadid_logs.data.tuning import POOR
 from quadid_logs.diagnose.findings import finding, rounded
 
@@ -60,7 +59,15 @@ def find_in_outer(outer: OuterLoops | None, positions: Sequence[PositionRows]) -
         yield finding("QL653", "info", evidence, axes=tuple(slow))
     level = [each for each in positions if each.direction != "down"]
     if not outer.loops and any(_commanded_rows(each) >= FEWEST_ROWS for each in level):
-        yield finding("QL655", "info", _why_none(outer))
+        # What is missing for a velocity loop.
+        yield finding(
+            "QL655",
+            "info",
+            {
+                "gains_known": outer.controllers.horizontal is not None,
+                "rows_of_controllers": {axis: found.n_rows for axis, found in outer.cascades.items()},
+            },
+        )
 
 
 def _commanded_rows(rows: PositionRows) -> int:
@@ -153,14 +160,6 @@ def _slow(found: OuterLoop) -> bool:
 def _crossover(found: OuterLoop) -> float | None:
     crossover = found.velocity.crossover_hz
     return None if crossover is None else rounded(crossover.value, 3)
-
-
-def _why_none(outer: OuterLoops) -> dict[str, object]:
-    """Return what is missing for a velocity loop."""
-    return {
-        "gains_known": outer.controllers.horizontal is not None,
-        "rows_of_controllers": {axis: found.n_rows for axis, found in outer.cascades.items()},
-    }
 
 
 def _evidence(figure: Estimated) -> dict[str, object]:

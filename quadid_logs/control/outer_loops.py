@@ -22,6 +22,7 @@ from quadid_logs.data.closed_loop import ClosedLoop, Estimated, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.log import PositionRows
 from quadid_logs.data.outer_loops import (
+    FEWEST_ROWS,
     AttitudeCommand,
     AttitudeReplay,
     AttitudeRows,
@@ -48,8 +49,6 @@ TILTS: Final = ("roll", "pitch")
 _KEPT: Final = 0.95
 #: A replay that leaves more than a twentieth is another law, as of the rate controllers.
 _SAME_LAW: Final = 0.05
-#: Rows that tell something of a controller.
-FEWEST_ROWS: Final = 50
 #: Errors of neighbouring rows are alike: clusters as long as filters of a velocity loop remember [s].
 _CLUSTER_S: Final = 1.0
 #: Fewer clusters have no covariance to speak of.

@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.model import Posterior
 
@@ -48,7 +47,10 @@ def draw(
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all() and mean[0] > 0.0):
         return None
     random = np.random.default_rng(seed)
-    variance, axes = np.linalg.eigh(covariance / _scale(covariance))
+    # Products of the standard deviations, so that numbers of one size are factored; one for none.
+    deviation = np.sqrt(np.diag(covariance))
+    deviation = np.where(deviation > 0.0, deviation, 1.0)
+    variance, axes = np.linalg.eigh(covariance / np.outer(deviation, deviation))
     root = axes * np.sqrt(np.maximum(variance, 0.0))
     drawn = mean + (random.standard_normal((n_draws, len(mean))) @ root.T) * np.sqrt(np.diag(covariance))
     if posterior.only_brakes[axis]:
@@ -68,10 +70,3 @@ def draw(
         delay_s=np.maximum(unheld_s - as_lag_s, 0.0) + short_s,
         lead_s=reaction / effectiveness,
     )
-
-
-def _scale(covariance: FloatArray) -> FloatArray:
-    """Return products of the standard deviations, so that numbers of one size are factored; one for none."""
-    deviation = np.sqrt(np.diag(covariance))
-    deviation = np.where(deviation > 0.0, deviation, 1.0)
-    return np.outer(deviation, deviation)

@@ -262,7 +262,8 @@ class _Search:
         """
         factor = 1.0
         for _ in range(_MOST_STEPS):
-            slope, left = self._slope(factor), self._torque - self._series(factor)
+            # The derivative of the predicted torque by the logarithm of the effectiveness.
+            slope, left = self._slope_by(factor, _by_effectiveness), self._torque - self._series(factor)
             step = float(np.clip((slope @ left) / (slope @ slope), -_LARGEST_STEP, _LARGEST_STEP))
             factor *= 1.0 + step
             if abs(step) < _SMALL_STEP:
@@ -293,10 +294,6 @@ class _Search:
         return self._high_passed(
             [each.in_time(-each.s * each.driven / (1.0 + factor * each.loop)) for each in self._answers]
         )[self._rows]
-
-    def _slope(self, factor: float) -> FloatArray:
-        """Return the derivative of the predicted torque by the logarithm of the effectiveness."""
-        return self._slope_by(factor, _by_effectiveness)
 
     def _slope_by(self, factor: float, change: _Change) -> FloatArray:
         """Return the derivative of the predicted torque by what changes the loop by `change`, relatively."""

@@ -115,7 +115,15 @@ def _replayed(
     rows = given.rows
     found = given.law(rows, given.parameters)
     errors = compared(found, rows)
-    agrees = _agrees(errors, rows, given.tolerance)
+    # Tell whether no term is off by more than the tolerance times the output's rms.
+    usable = usable_rows(rows)
+    output = float(np.sqrt(np.mean(rows.output[usable] ** 2)))
+    logged = {**rows.logged, "output": rows.output}
+    sizes = {term: float(np.sqrt(np.mean(logged[term][usable] ** 2))) for term in logged}
+    off = (
+        error * sizes[term] if sizes[term] else error for term, error in errors.items() if error is not None
+    )
+    agrees = all(one <= given.tolerance * output for one in off)
     result = Replay(relative_rms=errors, agrees=agrees, n_rows=rows.n_rows, as_logged=given.as_logged)
     return (
         _other_rate(result, given)
@@ -137,18 +145,6 @@ def _explained(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> 
     if inputs[axis].coarse and found.reason is ReplayReason.NOT_EXPLAINED:
         return replace(found, reason=ReplayReason.ROUNDED)
     return found
-
-
-def _agrees(errors: Mapping[Term, float | None], rows: AxisRows, tolerance: float) -> bool:
-    """Tell whether no term is off by more than the tolerance times the output's rms."""
-    usable = usable_rows(rows)
-    output = float(np.sqrt(np.mean(rows.output[usable] ** 2)))
-    logged = {**rows.logged, "output": rows.output}
-    sizes = {term: float(np.sqrt(np.mean(logged[term][usable] ** 2))) for term in logged}
-    off = (
-        error * sizes[term] if sizes[term] else error for term, error in errors.items() if error is not None
-    )
-    return all(one <= tolerance * output for one in off)
 
 
 def compared(found: ReplayedTerms, rows: AxisRows) -> dict[Term, float | None]:

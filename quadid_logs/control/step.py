@@ -84,7 +84,14 @@ def _step(
     steps = np.cumsum(impulse, axis=1, dtype=np.float64)[:, :n_samples]
     time_s = max(controller.period_s, _FINEST_S) * np.arange(n_samples, dtype=np.float64)
     low, high = np.quantile(steps, ENDS_95, axis=0) if len(steps) > 1 else (steps[0], steps[0])
-    figures = _figures(time_s, steps)
+    # Time from 10 to 90 % [s], overshoot [%] and time until settled [s] of steps (n, n_samples).
+    relative = steps / np.mean(steps[:, -(steps.shape[1] // _END) :], axis=1, keepdims=True)
+    first, last = (np.argmax(relative >= level, axis=1) for level in (0.1, 0.9))
+    overshoot = np.maximum(100.0 * (np.max(relative, axis=1) - 1.0), 0.0)
+    unsettled = np.abs(relative - 1.0) > _SETTLED
+    after = unsettled.shape[1] - np.argmax(unsettled[:, ::-1], axis=1)
+    settled_s = np.where(after < time_s.size, time_s[np.minimum(after, time_s.size - 1)], np.inf)
+    figures = (time_s[last] - time_s[first], overshoot, settled_s)
     measured = None
     if closed is not None and closed.frequency_hz.size >= _FEWEST_BANDS:
         # Where nothing was measured, what is next to it was.
@@ -104,17 +111,6 @@ def _step(
         high=high,
         measured=measured,
     )
-
-
-def _figures(time_s: FloatArray, steps: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return time from 10 to 90 % [s], overshoot [%] and time until settled [s] of steps (n, n_samples)."""
-    relative = steps / np.mean(steps[:, -(steps.shape[1] // _END) :], axis=1, keepdims=True)
-    first, last = (np.argmax(relative >= level, axis=1) for level in (0.1, 0.9))
-    overshoot = np.maximum(100.0 * (np.max(relative, axis=1) - 1.0), 0.0)
-    unsettled = np.abs(relative - 1.0) > _SETTLED
-    after = unsettled.shape[1] - np.argmax(unsettled[:, ::-1], axis=1)
-    settled_s = np.where(after < time_s.size, time_s[np.minimum(after, time_s.size - 1)], np.inf)
-    return time_s[last] - time_s[first], overshoot, settled_s
 
 
 def _estimated(values: FloatArray) -> Estimated:

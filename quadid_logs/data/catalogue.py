@@ -107,7 +107,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL107",
                 "Several logs are behind one model",
                 "Their flights were put one after the other and fitted together. A change between them "
-                "shows as a change in flight; what is said of the file is that of the first.",
+                "looks like a change in flight. Facts about the file are those of the first log.",
                 "Nothing to do if all are of one vehicle in one state. To compare them, leave --pool out.",
             ),
             _entry(
@@ -167,7 +167,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "No attitude at a useful rate",
                 "The structure with angles (linear-9) needs roll, pitch and yaw; it is left out or rests "
                 "on interpolated angles. The other structures do not need them.",
-                "Log the attitude at the rate of the rates if you want linear-9.",
+                "Log the attitude as fast as the body rates if you want linear-9.",
                 step="set",
             ),
             _entry(
@@ -184,8 +184,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL308",
                 "Geometry parameters are not used as calibration",
-                "The autopilot's mixer works with rotor positions and thrust coefficients of any scale. "
-                "Values that were never set, or that contradict the hover, do not measure this vehicle.",
+                "The autopilot's mixer works with rotor positions and thrust coefficients in arbitrary "
+                "units. Values that were never set, or that contradict the hover, do not measure this "
+                "vehicle.",
                 "Pass mass_kg, arm_length_m and torque_to_thrust_m with --vehicle FILE.toml.",
             ),
             _entry(
@@ -282,8 +283,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL405",
                 "The motors could not give the commanded torque",
                 "For part of the flight a motor was at its limit and the mixer cut roll, pitch or yaw "
-                "down. Where the torque was rebuilt from what the motors did, the cut is in it and nothing "
-                "is lost. Where only the command is known, the rows around are left out.",
+                "down. Where the torque was rebuilt from what the motors did, it already includes the "
+                "cut, and nothing is lost. Where only the command is known, the samples around it are "
+                "left out.",
                 "Fly smaller manoeuvres, or with a throttle nearer to the middle.",
             ),
             _entry(
@@ -297,9 +299,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL420",
                 "The torque holds little more than one frequency",
                 "At one frequency, gain and phase are all that can be measured: effectiveness, damping, "
-                "lag and delay cannot be told apart. With set-points the interval takes in all lags that "
-                "motors have; without them an error of a thousandth in the model becomes one of a tenth in "
-                "the effectiveness, and there is no number.",
+                "lag and delay cannot be told apart. With set-points the interval covers every lag that "
+                "motors have. Without them a model error of 0.1 % becomes an error of 10 % in the "
+                "effectiveness, so no number is given.",
                 "Excite this axis at several frequencies: a chirp, doublets of different length, or at "
                 "least three sinusoids over two octaves.",
             ),
@@ -351,8 +353,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL435",
                 "The accelerometer clipped",
-                "In more than 100 samples the accelerometer was at the end of its range. Attitude and height "
-                "are estimated wrongly then.",
+                "In more than 100 samples the accelerometer was at the end of its range. The autopilot's "
+                "attitude and height are wrong then.",
                 "Balance the propellers, and mount the flight controller softer.",
                 scope="vehicle",
             ),
@@ -384,9 +386,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL505",
                 "The interval is too wide",
-                "The data allow values of the control effectiveness far apart. Up to a factor of 3 between "
-                "the ends of the interval the number is given, as a caution: it tells the size, not more, "
-                "and comparisons, inertia and tuning leave it out. Beyond that there is no number.",
+                "The data fit values of the control effectiveness that are far apart. Where the ends of "
+                "the interval differ by less than a factor of 3, the number is given as a caution: it "
+                "shows the order of magnitude only, and comparisons, inertia and tuning do not use it. "
+                "Beyond that no number is given.",
                 f"Fly longer. {_ENOUGH}",
                 step="fly",
             ),
@@ -416,8 +419,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL532",
                 "The control effectiveness of both other axes changes in flight",
-                "Battery, payload, propellers and loose parts change the effectiveness about all axes. This "
-                "axis shows one value only, but it may have been commanded only while it had that value.",
+                "Battery, payload, propellers and loose parts change the effectiveness about all axes. "
+                "This axis shows one value only, perhaps because it was commanded in only one part of the "
+                "flight.",
                 "Command this axis throughout the flight, and find out what changes the others.",
             ),
             _entry(
@@ -461,7 +465,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The effectiveness times the given moment of inertia is the real torque over the commanded "
                 "one, if that inertia is right. It is a calibration of the torque, not an inertia found in "
                 "flight.",
-                "Use the ratio to correct the commanded torque; an axis that is refused has no ratio to use.",
+                "Use the ratio to correct the commanded torque; a refused axis has none.",
             ),
             _entry(
                 "QL516",
@@ -480,10 +484,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL520",
                 "The torque was computed from the rates",
-                "The rates follow the torque without any lag, and fast torques have no less of an effect. "
-                "Motors lag, and the gyro's filter delays. This torque is a derivative of the rates: its "
-                "effectiveness repeats what was assumed when it was computed. Where roll or pitch shows it, "
-                "no axis is judged.",
+                "The rates follow the torque without any lag, and fast changes of the torque have their "
+                "full effect. Motors lag, and the gyro's filter delays. This torque is a derivative of "
+                "the rates: its effectiveness repeats what was assumed when it was computed. Where roll "
+                "or pitch shows it, no axis is judged.",
                 "Log the torque that was commanded, or the motor outputs.",
             ),
             _entry(
@@ -499,24 +503,24 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The torque is stamped after the motion that it causes",
                 "The flight is explained best where torque is taken from a later time than it is stamped "
                 "with. Clocks of torque and rates differ, or the rates were smoothed in both directions. "
-                "Lag and effectiveness are then biased low; the interval covers the effectiveness with the "
-                "torque moved.",
+                "Lag and effectiveness are then biased low; the interval also covers the effectiveness "
+                "that fits with the torque moved in time.",
                 "Take torque and rates from one clock. Stamp each with the time at which it applied, not at "
                 "which it was written.",
             ),
             _entry(
                 "QL523",
                 "Small torques have less effect",
-                "Below some torque, or below some change of each rotor's command, the vehicle answers "
-                "less than above: a dead zone, friction, or coarse steps of the outputs. The "
-                "effectiveness depends on the size of the manoeuvre; the interval covers that beyond the "
-                "dead zone.",
+                "Below some torque, or below some change of each rotor's command, the vehicle responds "
+                "less than above it: a dead zone, friction, or coarse steps of the outputs. The "
+                "effectiveness depends on the size of the manoeuvre. The interval covers the "
+                "effectiveness outside the dead zone.",
                 "Fly larger manoeuvres, and look for a dead band in the mixer or the speed controllers.",
             ),
             _entry(
                 "QL524",
                 "Large torques have less effect",
-                "Above some torque the vehicle hardly answers more: outputs are limited and the log "
+                "Above some torque, more command hardly adds motion: outputs are limited, and the log "
                 "does not say so. The effectiveness of small torques is higher than the estimate; the "
                 "interval covers it where it can.",
                 "Log motor outputs as fast as the torque, or fly smaller manoeuvres.",
@@ -533,16 +537,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL526",
                 "A moment that grows with the tilt turns the vehicle",
                 "The vehicle's own tilt turns it: a pendulum below the centre of mass, a sling load, or "
-                "an unstable shape in the wind of its own speed. The model has no such moment; the "
-                "interval covers the effectiveness with it.",
+                "an unstable shape in the wind of its own speed. The model leaves this moment out; the "
+                "interval is wide enough to allow for it.",
                 "Fly quicker manoeuvres without load, or use only faster motion.",
             ),
             _entry(
                 "QL527",
                 "The motors do not respond with a single lag",
                 "The torque does not build up like that of one first-order lag: rotors spin down more "
-                "slowly than up, or another filter lies between. The interval covers the effectiveness "
-                "with that effect.",
+                "slowly than up, or another filter lies between. The interval is wide enough to allow for "
+                "that.",
                 "Describe the rotors in --vehicle FILE.toml, and log the motor outputs.",
             ),
             _entry(
@@ -564,18 +568,19 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL530",
                 "The thrust curve is not the one that the autopilot assumes",
-                "How the effectiveness changes with thrust shows another expo than the parameter says. "
-                "The torque was rebuilt with the expo that was found, so that the effectiveness holds at the "
-                "mean thrust of the manoeuvre. For the autopilot, the loop gain changes with throttle.",
+                "The effectiveness changes with thrust as it would with another expo than the "
+                "parameter's. The torque was rebuilt with the expo that was found, so that the "
+                "effectiveness holds at the mean thrust of the manoeuvre. With the autopilot's expo, the "
+                "loop gain changes with throttle.",
                 "Set the expo of the thrust curve to the value found; check the tuning with small inputs.",
             ),
             _entry(
                 "QL531",
                 "Yaw comes from a slow log",
-                "Rates and torque were logged too slowly for roll and pitch. Yaw is slow enough: from its "
-                "set-points, its effectiveness is known between 0.3 and 2.5 Hz, to 5 % for what happened "
-                "between the samples. Held-out flight cannot confirm it, because gusts move the vehicle as "
-                "much as its commands do.",
+                "Rates and torque were logged too slowly for roll and pitch. Yaw is slow enough: its "
+                "response to set-points between 0.3 and 2.5 Hz gives its effectiveness. The interval "
+                "allows 5 % for what happened between the samples. Held-out flight cannot confirm it, "
+                "because gusts move the vehicle as much as its commands do.",
                 "Compare this yaw only with flights that were logged alike. Log rates and torque at 40 Hz or "
                 "more for a model that can be confirmed.",
             ),
@@ -593,38 +598,48 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The torque was logged in coarse steps",
                 "The logged torque takes whole steps only. Where it was cut toward zero, as a cast to "
                 "whole numbers does, it is too small and the effectiveness too high. Where it was "
-                "rounded, the effectiveness is right. Where commands tell which, what was cut is put back; "
-                "elsewhere the interval covers both.",
+                "rounded, the effectiveness is right. Where the commands show that it was cut, what was "
+                "cut is put back; elsewhere the interval covers both.",
                 "Log the torque with more digits, and fly the manoeuvre with larger commands.",
             ),
             _entry(
                 "QL535",
                 "The effectiveness comes from the response to commands alone",
-                "Gusts moved this axis as much as its commands did, or an effect of rotors or log makes a "
-                "sample-by-sample fit too low. Gusts do not change the commands, so the response to "
-                "commands still gives effectiveness, damping and lag: from spectra of short segments, "
-                "each frequency weighted by how little of it is gust. Dead zones, limits and other "
-                "effects are taken out where the flight shows them. Where it leaves them open, the "
-                "interval covers them.",
+                "Gusts moved this axis as much as its commands did, or an effect of the rotors or of the "
+                "logging makes a sample-by-sample fit too low. Gusts do not change the commands, so the "
+                "response to commands still gives effectiveness, damping and lag: from spectra of short "
+                "segments, each frequency weighted by how little of it is gust. Dead zones, limits and "
+                "other effects are taken out where the flight shows them. Where the flight leaves them "
+                "open, the interval covers them.",
                 "Fly in calmer air, or make larger and quicker manoeuvres, for a narrower interval.",
                 step="fly",
+            ),
+            _entry(
+                "QL536",
+                "The vehicle's balance moved in flight: a motor may have lost thrust",
+                "The thrust that holds the vehicle level moved to another place during the flight. A load "
+                "that slips does that, and so does a motor that loses thrust. A motor that gives less lowers "
+                "the effectiveness of the axes that it turns. The evidence says to which fraction of what it "
+                "was before. The interval holds both.",
+                "Look at the motor or the load. Then fly once more, or analyze the parts before and after by "
+                "themselves, with --start-s and --end-s.",
             ),
             _entry(
                 "QL512",
                 "The inertia is implausible for a multirotor",
                 "A body's largest moment of inertia is at most the sum of the other two, and a "
-                "multirotor's lie well within its mass times the square of its arm. What came out does "
-                "not, by more than its interval: mass, arm, thrust or the torque-to-thrust ratio is not "
-                "this vehicle's.",
+                "multirotor's lie well within its mass times the square of its arm. The result breaks "
+                "these bounds by more than its interval: mass, arm, thrust or the torque-to-thrust ratio "
+                "is not this vehicle's.",
                 "Check the numbers in the vehicle file against the figure of the airframe.",
             ),
             _entry(
                 "QL601",
                 "The control loop has little margin",
-                "Good loops keep 6 dB, 45 degrees and a disk margin of 0.67 in the worst vehicle that the "
-                "flight allows. Below 4 dB or 30 degrees a loop is close to instability: a lighter vehicle, "
-                "a fuller battery or a little more delay can make it oscillate. Margins are lost by gains "
-                "that are too high, and by gains that are too low.",
+                "Good loops keep 6 dB, 45 degrees and a disk margin of 0.67 with 97.5 % confidence. Below "
+                "4 dB or 30 degrees a loop is close to instability: a lighter vehicle, a fuller battery "
+                "or a little more delay can make it oscillate. Gains that are too high cost margin, and "
+                "so can gains that are too low.",
                 "`quadid-log tune LOG` computes the next gains, or says why it cannot.",
                 scope="loop",
             ),
@@ -641,9 +656,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL603",
                 "The measured response contradicts the model around the crossover",
-                "Around the frequency that decides about stability, the response of the rate to the torque, "
-                "as far as the set-points drive it, is not that of the model. The model holds where it was "
-                "fitted; the margins rest on what lies above.",
+                "Around the crossover frequency, which decides about stability, the measured response of "
+                "the rate to the torque differs from the model's. The model holds at the lower "
+                "frequencies where it was fitted; the margins depend on the higher ones.",
                 "Do not rely on the margins of this axis. A system-ID chirp up to twice the crossover shows "
                 "the loop itself.",
                 scope="loop",
@@ -671,8 +686,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL606",
                 "The control law is that of another firmware version",
-                "The control law of this firmware version is not known to this tool. It closes the loop "
-                "with the law of the nearest version that is.",
+                "The control law of this firmware version is not known to this tool. The law of the "
+                "nearest known version was used.",
                 "Compare the release notes of the rate controller between the two versions.",
                 scope="loop",
             ),
@@ -700,9 +715,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The position or velocity controller reconstructed from the logged parameters does not "
                 "reproduce the logged targets",
                 "Replayed from logged positions, velocities and their set-points, the controller does not "
-                "give the logged targets: the gain that fits is more than a tenth off that of the "
-                "parameters. Some firmware lowers these gains by itself, as with optical flow, and a flight "
-                "at the limit of tilt or speed looks alike. No margin of the velocity loop is given.",
+                "give the logged targets: the gain that fits differs from the logged one by more than 10 "
+                "%. Some firmware lowers these gains by itself, as with optical flow, and a flight at the "
+                "limit of tilt or speed looks alike. No margin of the velocity loop is given.",
                 "Check that no gain of these controllers was changed in flight. Fly once more in calm air.",
                 scope="loop",
             ),
@@ -764,7 +779,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The controller reconstructed from the logged parameters does not reproduce the logged "
                 "output",
                 "Replayed from logged set-points and rates, the controller does not give the logged terms "
-                "and torque: gains for it would be gains for another one.",
+                "and torque: gains computed for it would suit another controller.",
                 "Read what differs under QL604, and fly once more with gains that stay as they are.",
                 scope="gains",
             ),
@@ -780,23 +795,24 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL614",
                 "The measured response contradicts the model at the crossover",
-                "Where the loop decides about its stability, the measured response is not that of the model "
-                "(QL603).",
+                "Around the crossover frequency, which decides about stability, the measured response "
+                "differs from the model's (QL603).",
                 "Fly a system-ID chirp up to twice the crossover and tune from that flight.",
                 scope="gains",
             ),
             _entry(
                 "QL615",
                 "The model of this axis is not usable",
-                "Gains follow from the model, and findings question it: their codes stand beside the axis.",
+                "Gains follow from the model, and findings say why this one cannot be trusted. Their "
+                "codes are listed with the axis.",
                 "Take the next steps that `quadid-log analyze LOG` prints, and tune from the new flight.",
                 scope="gains",
             ),
             _entry(
                 "QL616",
                 "The slew limiter scaled the gains down",
-                "P and D were scaled down in flight, or may have been and the log does not tell: the gains "
-                "of the parameters are not those that flew.",
+                "P and D were scaled down in flight, or may have been, which the log does not show: the "
+                "gains of the parameters are not those that flew.",
                 "Log the controller's terms, which show how often the limiter acted. Fly gently enough that "
                 "it stays out, and tune from that flight.",
                 scope="gains",
@@ -805,16 +821,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL617",
                 "The mixer was at its limits",
                 "In more than a tenth of the flight this axis got less torque than was commanded. Other "
-                "gains do not change that, and the model of what they would do does not hold.",
+                "gains do not change that, and the model cannot predict what they would do.",
                 "Fly gentler manoeuvres, or use a lighter vehicle or stronger motors.",
                 scope="gains",
             ),
             _entry(
                 "QL618",
                 "The model is too uncertain to change gains",
-                "With the estimated model the loop keeps its limits. In the worst case that the intervals "
-                "of effectiveness, lag and delay allow, it is close to instability. Other gains may help or "
-                "harm.",
+                "With the estimated model, the margins meet their limits. In the worst case within the "
+                "intervals of effectiveness, lag and delay, the loop is close to instability. Other gains "
+                "may help or harm.",
                 "Fly stronger manoeuvres for longer, in calm air, with fast logging.",
                 scope="gains",
             ),
@@ -829,10 +845,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL620",
                 "The phase of a notch is not known",
-                "A notch follows something that neither the parameters nor the log hold. The phase that it "
-                "takes is missing in the margins.",
-                "Log what it follows, or set it to a fixed frequency for the flight from which gains are "
-                "tuned.",
+                "A notch follows a frequency that neither the parameters nor the log hold. The phase that "
+                "it takes is missing in the margins.",
+                "Log what the notch follows. Or fix the notch at one frequency, fly once more, and tune "
+                "from that flight.",
                 step="set",
                 scope="gains",
             ),
@@ -870,23 +886,24 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL625",
                 "There is no stable loop to start from",
-                "The loop of the flown gains around the model is not known, or unstable: one of the two is "
-                "not what flew.",
+                "With the flown gains, the loop around the model is not known, or it is unstable although "
+                "the vehicle flew: gains or model are not those of this flight.",
                 "Look at the findings about the loop.",
                 scope="gains",
             ),
             _entry(
                 "QL630",
                 "Lower these gains: they leave too little margin for the next flight",
-                "In the worst case that the next flight allows, the flown gains have less margin than "
-                "required, and lower ones have more.",
+                "In the worst case that has to be expected on the next flight, the flown gains have less "
+                "margin than required. Lower gains have more.",
                 "Load the file, hover first, and heed the warning beside these gains.",
                 scope="gains",
             ),
             _entry(
                 "QL631",
                 "Raise these gains: they reject gusts better, and margins stay above the limits",
-                "Even in the worst case that the flight allows, there is more margin than required.",
+                "Even in the worst case within the uncertainty of this flight, there is more margin than "
+                "required.",
                 "Load the file, hover first, and heed the warning beside these gains.",
                 scope="gains",
             ),
@@ -966,8 +983,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL670",
                 "Change filters and gains together: they reject gusts better or make less noise, and "
                 "margins stay above the limits",
-                "A filter takes phase that the gains pay for. These filters with these gains leave less "
-                "gust error or less noise on the motors than any gains behind the flown filters.",
+                "A filter costs phase, and that limits the gains. These filters and gains together leave "
+                "less gust error, or less noise on the motors, than any gains with the flown filters.",
                 "Load the file as a whole: these gains belong to these filters. Hover first, and feel the "
                 "motors after half a minute: they must stay cool.",
                 scope="gains",
@@ -975,30 +992,31 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL671",
                 "There is too much filtering",
-                "A low-pass is lower than the noise of this gyro asks for, and takes phase without need.",
+                "A low-pass cuts lower than the noise of this gyro requires, and costs phase for nothing.",
                 "Set the cut-off in the file, with its gains.",
                 scope="gains",
             ),
             _entry(
                 "QL672",
                 "There is too little filtering",
-                "The low-pass lets more noise to the motors than its phase is worth.",
+                "The low-pass lets too much noise through to the motors. The phase that it saves is not "
+                "worth that.",
                 "Set the cut-off in the file, with its gains.",
                 scope="gains",
             ),
             _entry(
                 "QL673",
-                "The notches do not stand where the gyro's lines are",
-                "A notch that stands on no line takes phase for nothing; a line without one shakes motors.",
+                "The notches miss the vibration lines of the gyro",
+                "A notch beside the lines costs phase for nothing. A line without a notch shakes the motors.",
                 "Set the notches as in the file, and restart the autopilot before the flight.",
                 scope="gains",
             ),
             _entry(
                 "QL674",
                 "The filters stay as they flew",
-                "Filters are changed only where the next flight has no more gust error on any axis than with "
-                "gains alone, and a twentieth less of it or of noise on one axis. No setting that was looked "
-                "at has that, or all axes share the filters and one of the axes is not known.",
+                "Other filters are recommended only where they help: no axis gets more gust error than "
+                "with new gains alone, and one axis gets 5 % less gust error or noise. No setting that "
+                "was tried does that, or all axes share the filters and one of them has no model.",
                 "Load the gains. Leave the filters.",
                 scope="gains",
             ),
@@ -1006,8 +1024,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL675",
                 "Off-nominal margins break a limit",
                 "With another battery, load, air or propeller the same command turns the vehicle more or "
-                "less. In the conditions that are named, the worst of the vehicles that the flight allows "
-                "keeps less than the limits. That lowers no gains by itself.",
+                "less. In the named conditions, the worst case within the uncertainty of this flight "
+                "falls below the limits. The gains are not lowered for that alone.",
                 "Fly in the conditions of this flight, or tune again from a flight in the named condition.",
                 scope="gains",
             ),
@@ -1021,7 +1039,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL641",
-                "P, I, D and the angle gain are changed each by itself",
+                "P, I, D and the angle gain change by different factors",
                 "Each gain is set where gusts are rejected best: margins are kept, noise stays "
                 "acceptable, and the attitude follows its set-point no more slowly. One common factor on "
                 "P, I and D would do worse.",
@@ -1058,25 +1076,25 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL640",
                 "The log does not show the noise of the command",
-                "The torque was logged too slowly to see what the gyro's noise makes of it: gains are not "
-                "raised.",
+                "The torque was logged too slowly to see what the gyro's noise does to it, so the gains "
+                "are not raised.",
                 "Log the controller's output at the loop's rate.",
                 scope="gains",
             ),
             _entry(
                 "QL646",
                 "This flight does not show whether other gains would be better",
-                "With the estimated model the loop keeps its limits; in the worst case that the next flight "
-                "allows it does not. The intervals are too wide to raise gains, and give no reason to lower "
-                "them.",
+                "With the estimated model, the margins meet their limits. In the worst case that has to "
+                "be expected on the next flight, they do not. The intervals are too wide to raise the "
+                "gains, and give no reason to lower them.",
                 "Keep the gains. For narrower intervals fly the manoeuvre again, longer, in calmer air.",
             ),
             _entry(
                 "QL647",
                 "A more precise model would allow better gains",
                 "If the vehicle were exactly as estimated, other gains would reject gusts better by a "
-                "quarter or more. In the worst case that the next flight allows they would not keep the "
-                "margins.",
+                "quarter or more. In the worst case that has to be expected on the next flight, they "
+                "would not keep the margins.",
                 "Keep the gains. To go further, fly longer, in calmer air, with manoeuvres that reach twice "
                 "the crossover.",
                 scope="gains",

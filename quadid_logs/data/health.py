@@ -449,6 +449,10 @@ class Rotors(Topic):
         How far forward and to the right of the rotors' middle the centre of mass is, in lengths of the arm.
     thrust_change : Quantity or None
         Thrust for a unit of command at the end of the flight over that at the beginning.
+    axes_change : tuple of Quantity
+        Of roll, pitch and yaw, effectiveness at the end of the flight over that at the beginning, where the
+        centre of thrust moved and a rotor that lost thrust would explain it: QL431, if yaw says so, too.
+        Empty where it did not move.
     shaking : tuple of Quantity or None
         What the gyro sees of each propeller's turning [rad/s].
     faults : tuple of RotorFault
@@ -465,6 +469,7 @@ class Rotors(Topic):
     shaking: tuple[Quantity | None, ...]
     faults: tuple[RotorFault, ...]
     searched: tuple[str, ...]
+    axes_change: tuple[Quantity, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -375,6 +375,8 @@ class FlightLog:
     followed : mapping of str to ndarray, shape (n_instants, n_columns)
         What the notches of an autopilot may follow, by the autopilot's own names, at instants of the flight
         of which each counts alike.
+    swept_axes : tuple of str
+        Axes that a system-identification mode of the autopilot swept; empty where the log names none.
     torque : TorqueModel, optional
         How torque follows from the logged outputs; None where nobody looked.
     """
@@ -407,6 +409,7 @@ class FlightLog:
     utc_offset_s: float = float("nan")
     remarks: tuple[str, ...] = ()
     followed: Mapping[str, FloatArray] = field(default_factory=dict)
+    swept_axes: tuple[str, ...] = ()
     torque: TorqueModel | None = None
 
     @property

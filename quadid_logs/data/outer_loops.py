@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Literal
+from typing import Final, Literal
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.closed_loop import Estimated, Margins
 
+#: Rows that tell something of a controller.
+FEWEST_ROWS: Final = 50
 #: Directions of `PositionRows`.
 Direction = Literal["north", "east", "down"]
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
 from quadid_logs.data.flight import FlightData
+from quadid_logs.data.health import Rotors
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.data.result import PooledLog
@@ -17,7 +18,7 @@ from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file, find_in_pool
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.diagnose.model_findings import find_in_models
-from quadid_logs.diagnose.structural_findings import find_in_structure
+from quadid_logs.diagnose.structural_findings import find_in_rotors, find_in_structure
 from quadid_logs.diagnose.torque_findings import find_in_given_inertia, find_in_torque, find_in_weight
 from quadid_logs.vocabulary import AXES
 
@@ -32,6 +33,7 @@ def diagnose(
     identification: Identification,
     pooled: Sequence[PooledLog] = (),
     vehicle: Vehicle | None = None,
+    rotors: Rotors | None = None,
 ) -> Diagnosis:
     """Judge what was read, aligned and identified.
 
@@ -44,6 +46,8 @@ def diagnose(
         The logs behind the one model, where there are several.
     vehicle : Vehicle, optional
         What the user gave: its inertia is compared with the control effectiveness.
+    rotors : Rotors, optional
+        What the flight tells of each rotor; intervals hold what one that lost thrust changed.
 
     Returns
     -------
@@ -69,6 +73,7 @@ def diagnose(
         *find_in_torque(log, data, identification),
         *find_in_models(log, identification),
         *find_in_structure(data, identification),
+        *find_in_rotors(identification, rotors),
         *find_in_given_inertia(data, identification, vehicle),
         *find_in_weight(data, vehicle),
     ]

@@ -10,6 +10,7 @@ import numpy as np
 
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.flight import FlightData
+from quadid_logs.data.health import Rotors
 from quadid_logs.data.model import (
     Effect,
     EffectCheck,
@@ -22,7 +23,6 @@ from quadid_logs.data.model import (
 )
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.excitation import LEAST_BANDWIDTH, MOST_IN_ONE_LINE, holds_one_frequency
-from quadid_logs.identify.flights_differ import of_all_axes
 from quadid_logs.identify.parameters import is_explained
 from quadid_logs.identify.spectral_effects import AVERAGED
 from quadid_logs.identify.structural import (
@@ -33,6 +33,7 @@ from quadid_logs.identify.structural import (
     possible_losses,
     seen_effects,
 )
+from quadid_logs.identify.two_vehicles import of_all_axes
 from quadid_logs.maths.random_effect import random_effect
 from quadid_logs.maths.rotations import tilt_from_rates
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
@@ -135,6 +136,31 @@ def find_in_structure(data: FlightData, identification: Identification) -> Itera
         yield from _whole_model(model.structural, data.sample_period_s)
     if any(segment.reference is None for segment in data.segments):
         yield finding("QL321", "info", _feedback(model))
+
+
+def find_in_rotors(identification: Identification, rotors: Rotors | None) -> Iterator[Finding]:
+    """Yield the finding that a rotor lost thrust, so that one model is of two vehicles.
+
+    Parameters
+    ----------
+    identification : Identification
+    rotors : Rotors or None
+
+    Yields
+    ------
+    Finding
+        A warning where the balance of yaw moved, too, a note where a load explains it as well.
+    """
+    if identification.recommended is None or rotors is None or not rotors.axes_change:
+        return
+    lost = next((one for one in rotors.faults if one.code == "QL431"), None)
+    ratio = [rounded(one.value, 3) for one in rotors.axes_change]
+    evidence: dict[str, object] = dict(zip(AXES, ratio, strict=True))
+    if lost is None:
+        yield finding("QL536", "info", evidence)
+        return
+    evidence |= {"rotor": lost.rotor + 1, "time_s": rounded(lost.time_s, 3)}
+    yield finding("QL536", "warning", evidence, title="A motor lost thrust in flight, and with it each axis")
 
 
 def _coarse_steps(data: FlightData, numbers: Sequence[int]) -> Iterator[Finding]:

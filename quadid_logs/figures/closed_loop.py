@@ -32,10 +32,10 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
         _figure(
             "loop-tracking",
             "Set-point, rate and torque",
-            "The most excited seconds of the validation data. Left: the rate that was commanded, "
-            "the one that was measured, and the one that model and controller make of the set-points alone. "
-            "Right: the torque that this takes. The loop brings the rate to its set-point even with a wrong "
-            "model; the torque only with the right one.",
+            "The most excited seconds of the validation data. Left: the commanded rate, the measured "
+            "rate, and the rate that model and controller predict from the set-points alone. Right: the "
+            "torque for that. Feedback makes the predicted rate right even with a wrong model; the "
+            "torque is right only with the right model.",
             [panel for axis, found in known.items() for panel in _tracking(axis, found)],
             columns=2,
         ),
@@ -43,7 +43,7 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
             "loop-bode",
             "The open loop, cut at the mixer",
             "Gain and phase around the loop. Where the gain passes 1, the phase must be above -180 degrees: "
-            "that distance is the phase margin. Shaded along the line: the interval of 95 %. Points: "
+            "that distance is the phase margin. Shaded along the line: the 95 % interval. Points: "
             "the log, as far as set-points or a system-ID excitation show it.",
             _in_rows([_bode(axis, found) for axis, found in known.items()]),
             columns=3,
@@ -51,18 +51,17 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
         _figure(
             "loop-nyquist",
             "The open loop around the point of instability",
-            "The same loop in the complex plane. A loop that runs through -1 oscillates for ever; the "
-            "circle is what the disk margin keeps free: inside it lie all points to which gain and phase "
-            "may change at once.",
+            "The same loop in the complex plane. A loop through -1 oscillates for ever. The circle "
+            "around -1 shows the disk margin: as long as gain and phase together change by no more than "
+            "that, the loop stays stable.",
             _in_rows([_nyquist(axis, found) for axis, found in known.items()]),
             columns=3,
         ),
         _figure(
             "loop-step",
             "Rate step response",
-            "What the model makes of a step, with its interval of 95 % (shaded); and with the response of "
-            "the closed loop as the log shows it, where it does. Overshoot and ringing tell of little "
-            "margin.",
+            "The rate step response of the model with its 95 % interval (shaded), and the measured one "
+            "where the log shows it. Overshoot and ringing mean little margin.",
             _in_rows([_step(axis, found) for axis, found in known.items()]),
             columns=3,
         ),

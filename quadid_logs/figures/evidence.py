@@ -18,7 +18,7 @@ from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
 KEY: Final = "evidence"
 _TITLE = "Validation data: measured and predicted rates"
-_OF_AIR = " Air moves an axis 'by commands', too: only its response to commands is judged."
+_OF_AIR = " Air also moves an axis marked 'by commands', so only its response to commands is judged."
 #: As long as an eye can follow a manoeuvre [s].
 _CLOSE_LOOK_S = 5.0
 #: The band holds this fraction of the held-out errors.
@@ -137,7 +137,16 @@ def held_out_seconds(result: Result) -> tuple[Held, ...]:
     if model is None or fit is None:
         return ()
     shown = [most_excited_seconds(fit, column) for column in range(len(AXES))]
-    fast = _fast(fit, slowest_hz(result))
+    # Measured and predicted held-out rates, high-passed, (n_samples, 6) [rad/s]; NaN elsewhere.
+    cutoff_hz = slowest_hz(result)
+    rates = np.column_stack([fit.rate, fit.simulated_rate])
+    known = fit.held_out & np.isfinite(rates).all(axis=1)
+    fast = np.full_like(rates, np.nan)
+    for start_s, end_s in spans(fit.time_s, known):
+        rows = np.flatnonzero(known & (fit.time_s >= start_s) & (fit.time_s <= end_s))
+        if rows.size > 1:
+            period_s = (end_s - start_s) / (rows.size - 1)
+            fast[rows] = high_pass(rates[rows], period_s, cutoff_hz)
     return tuple(
         _held(fit.time_s, fast, chosen, column) for column, chosen in enumerate(shown) if chosen is not None
     )
@@ -158,19 +167,6 @@ def slowest_hz(result: Result) -> float:
     if model is not None and model.band is not None:
         return float(model.band.low_hz[0])
     return result.settings.identify.high_pass_hz
-
-
-def _fast(fit: FitSeries, cutoff_hz: float) -> FloatArray:
-    """Return measured and predicted held-out rates, high-passed, (n_samples, 6) [rad/s]; NaN elsewhere."""
-    rates = np.column_stack([fit.rate, fit.simulated_rate])
-    known = fit.held_out & np.isfinite(rates).all(axis=1)
-    fast = np.full_like(rates, np.nan)
-    for start_s, end_s in spans(fit.time_s, known):
-        rows = np.flatnonzero(known & (fit.time_s >= start_s) & (fit.time_s <= end_s))
-        if rows.size > 1:
-            period_s = (end_s - start_s) / (rows.size - 1)
-            fast[rows] = high_pass(rates[rows], period_s, cutoff_hz)
-    return fast
 
 
 def _held(time_s: FloatArray, fast: FloatArray, chosen: BoolArray, column: int) -> Held:

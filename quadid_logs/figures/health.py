@@ -46,10 +46,21 @@ def health_figures(result: Result) -> list[Figure | LeftOut]:
     list of Figure or LeftOut
     """
     health = result.health or Health(missing=dict.fromkeys(_TITLES, _NOT_LOOKED_AT))
+    # Show the angles that were commanded over those that were flown.
+    if health.attitude is None:
+        angles: Figure | None = None
+    else:
+        angles = _followed(
+            result,
+            "attitude",
+            ("attitude", "attitude_setpoint"),
+            Axis(label="angle", unit="deg"),
+            f"{_said(health.attitude)} The wide line is the vehicle, the thin one its set-point.",
+        )
     made: dict[str, Figure | None] = {
         "tracking": _desired_and_actual(result, health),
         "rates": _course(health.rates, "rates"),
-        "attitude": _angles(result, health),
+        "attitude": angles,
         "tilt": _course(health.tilt, "tilt"),
         "steps": _steps(health),
         "noise": _spectrum(health, result.data.gyro_filter),
@@ -127,22 +138,9 @@ def _desired_and_actual(result: Result, health: Health) -> Figure | None:
         "tracking",
         ("body_rate", "body_rate_setpoint"),
         Axis(label="body rate", unit="deg/s"),
-        f"{_said(health.tracking)} A loop that follows brings the wide line under the thin one, a little "
-        "later. A rate that swings while its set-point is calm is an oscillation; one that stays short of it "
-        "meets a limit.",
-    )
-
-
-def _angles(result: Result, health: Health) -> Figure | None:
-    """Show the angles that were commanded over those that were flown."""
-    if health.attitude is None:
-        return None
-    return _followed(
-        result,
-        "attitude",
-        ("attitude", "attitude_setpoint"),
-        Axis(label="angle", unit="deg"),
-        f"{_said(health.attitude)} The wide line is the vehicle, the thin one its set-point.",
+        f"{_said(health.tracking)} In a good loop the wide line lies under the thin one, a little later. "
+        "A rate that swings while its set-point is calm is an oscillation; one that stays short of its "
+        "set-point meets a limit.",
     )
 
 
@@ -188,9 +186,11 @@ def _steps(health: Health) -> Figure | None:
     return Figure(
         key=_KEYS["steps"],
         title=_TITLES["steps"],
-        caption=f"{_said(health.steps)} Found from set-points and rates of the whole flight; shaded, the "
-        "95 % interval. Dashed: a loop that follows at once would look like this, for the set-points hold no "
-        "sharper step. Of small and large steps, those part at half of the largest set-points.",
+        caption=(
+            f"{_said(health.steps)} Computed from set-points and rates of the whole flight; shaded: "
+            "the 95 % interval. Dashed: a perfect loop, as sharp as these set-points can show it. A "
+            "step is large from half of the largest set-points on."
+        ),
         panels=tuple(_step_panel(axis, steps) for axis, steps in health.steps.axes.items()),
         columns=3,
     )
@@ -242,9 +242,12 @@ def _spectrum(health: Health, known: GyroFilter) -> Figure | None:
     if noise is None:
         return None
     words = _filter_words(known)
-    filters = f" Known of the filters: {words}." if words else ""
+    filters = f" Known filters: {words}." if words else ""
     if noise.before is None and noise.after is not None and words:
-        filters += " Before the filters: computed from these, as far as they pass a tenth."
+        filters += (
+            " The spectrum before the filters is computed from the filtered one, where they pass "
+            "a tenth or more."
+        )
     return Figure(
         key=_KEYS["noise"],
         title=_TITLES["noise"],

@@ -77,12 +77,14 @@ def _draw(figure: Figure) -> Canvas:
     below_in = 0.62 + _CAPTION_LINE_IN * len(caption)
     total_in = _TITLE_IN + sum(heights) + _GAP_IN * (len(heights) - 1) + below_in
     canvas = Canvas(figsize=(_WIDTH_IN, total_in), facecolor="white")
+    # The number of letters of the longest name at the end of a line.
+    names = [curve.label for panel in at_the_right(figure) for curve in labelled(panel)]
     grid = canvas.add_gridspec(
         len(heights),
         figure.columns,
         height_ratios=heights,
         left=0.085,
-        right=0.985 - _LETTER_IN * _longest_name(figure) / _WIDTH_IN,
+        right=0.985 - _LETTER_IN * max(map(len, names), default=0) / _WIDTH_IN,
         top=1.0 - _TITLE_IN / total_in,
         bottom=below_in / total_in,
         hspace=_GAP_IN / (sum(heights) / len(heights)),
@@ -106,12 +108,6 @@ def _draw(figure: Figure) -> Canvas:
     canvas.text(0.012, 0.08 / total_in, "\n".join(caption), va="bottom", fontsize=8.5, color=LIGHT["muted"])
     _legend(canvas, figure, total_in)
     return canvas
-
-
-def _longest_name(figure: Figure) -> int:
-    """Return the number of letters of the longest name at the end of a line."""
-    names = [curve.label for panel in at_the_right(figure) for curve in labelled(panel)]
-    return max(map(len, names), default=0)
 
 
 def _name_ends(axes: Axes, panel: Panel) -> None:

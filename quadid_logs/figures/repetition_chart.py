@@ -36,17 +36,22 @@ def repetition_figures(found: Repeatability) -> tuple[Figure | LeftOut, ...]:
         Figure(
             key="funnel",
             title="Funnel: estimate against half-width",
-            caption="Each dot is a flight. 95 % of the flights of one vehicle lie "
-            "inside the lines: those that tell less lie higher, and may lie further from the mean. The lines "
-            "include the difference between flights. Numbers name those beyond, as in the table.",
+            caption=(
+                "Each dot is a flight; less precise flights stand higher. 95 % of the flights of "
+                "one vehicle lie between the lines, which allow for each flight's error and for the "
+                "difference between flights. Flights beyond have their number in the table."
+            ),
             panels=tuple(_funnel(each) for each in told),
             columns=len(told),
         ),
         Figure(
             key="flights",
             title="Effectiveness by flight",
-            caption="Dots with their 95 % intervals; the band is the mean of all flights with its own. Dots "
-            "of the other colour are what the remaining flights predict of the one left out.",
+            caption=(
+                "Dots: each flight with its 95 % interval. Band: the mean of all flights with its "
+                "95 % interval. Dots of the other colour: what the remaining flights predict for "
+                "this one."
+            ),
             panels=tuple(_by_flight(found, each) for each in told),
             columns=1,
         ),

@@ -35,20 +35,20 @@ def airframe_from_above(result: Result) -> Figure | LeftOut:
     curves, labels = _rotors(model, reach)
     unit = "m" if model.position_unit == "m" else "arm lengths"
     edge = reach * (1.0 + 1.6 * _DISC)
+    # The arrow that points to the front.
+    size = _NOSE * reach
+    x = size * np.array([0.0, 0.0, np.nan, -0.3, 0.0, 0.3])
+    y = size * np.array([-0.6, 1.0, np.nan, 0.6, 1.0, 0.6])
     panel = Panel(
         title=model.frame,
         x=Axis(label="to the right", unit=unit),
         y=Axis(label="to the front", unit=unit, low=-edge, high=edge),
-        curves=(*_arms(model), *_nose(reach), *curves),
+        curves=(*_arms(model), *(Curve(label="nose", x=x, y=y, role="ink"),), *curves),
         labels=labels,
         equal=True,
         height=1.7,
     )
-    return Figure(key="airframe", title=title, caption=_caption(model), panels=(panel,), small=True)
-
-
-def _caption(model: TorqueModel) -> str:
-    """Say what the numbers are and where the drawing comes from."""
+    # Say what the numbers are and where the drawing comes from.
     parts = [f"Seen from above, nose up; the numbers are the motors' ({model.frame_source})."]
     if model.channels:
         outputs = ", ".join(f"{motor}: {channel}" for motor, channel in enumerate(model.channels, start=1))
@@ -56,7 +56,7 @@ def _caption(model: TorqueModel) -> str:
     if model.position_unit != "m":
         parts.append("Only the shape is known, not the length of the arms.")
     parts.append("If this is not your vehicle, no torque below is right.")
-    return " ".join(parts)
+    return Figure(key="airframe", title=title, caption=" ".join(parts), panels=(panel,), small=True)
 
 
 def _arms(model: TorqueModel) -> tuple[Curve, ...]:
@@ -67,14 +67,6 @@ def _arms(model: TorqueModel) -> tuple[Curve, ...]:
     gap, zero = np.full_like(right, np.nan), np.zeros_like(right)
     x, y = (np.column_stack([zero, end, gap]).ravel() for end in (right, forward))
     return (Curve(label="arm", x=x, y=y, role="muted"),)
-
-
-def _nose(reach: float) -> tuple[Curve, ...]:
-    """Return the arrow that points to the front."""
-    size = _NOSE * reach
-    x = size * np.array([0.0, 0.0, np.nan, -0.3, 0.0, 0.3])
-    y = size * np.array([-0.6, 1.0, np.nan, 0.6, 1.0, 0.6])
-    return (Curve(label="nose", x=x, y=y, role="ink"),)
 
 
 def _rotors(model: TorqueModel, reach: float) -> tuple[list[Curve], tuple[Label, ...]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, runs
-from quadid_logs.data.flight import FlightData, InputDescription, Overview
+from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Panel
 from quadid_logs.figures.thinning import CARRIED, break_at_gaps, thin_line, thin_points
@@ -68,15 +68,11 @@ def _overview_panel(
     overview = data.overview.get(signal)
     if overview is None or not overview.time_s.size:
         return None
-    return Panel(title=axis.label.capitalize(), x=TIME, y=axis, curves=_curves(overview, names, scale))
-
-
-def _curves(overview: Overview, names: tuple[str, ...], scale: float) -> tuple[Curve, ...]:
-    """Return one thinned line per axis of the vehicle."""
+    # One thinned line per axis of the vehicle.
     time_s, values = break_at_gaps(overview.time_s, overview.values * scale)
     if overview.signal == "attitude":
         time_s, values = _break_at_turns(time_s, values)
-    return axis_curves(time_s, values, names)
+    return Panel(title=axis.label.capitalize(), x=TIME, y=axis, curves=axis_curves(time_s, values, names))
 
 
 def _break_at_turns(time_s: FloatArray, angles_deg: FloatArray) -> tuple[FloatArray, FloatArray]:

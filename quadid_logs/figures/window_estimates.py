@@ -31,15 +31,6 @@ class _Effect(NamedTuple):
     unit: str
 
 
-def _windowed(result: Result) -> tuple[tuple[Model, Windows], ...]:
-    """Return the models that were solved window by window."""
-    return tuple(
-        (model, model.windows)
-        for model in result.identification.models
-        if model.windows is not None and model.windows.time_s.size
-    )
-
-
 def _effects(model: Model, windows: Windows) -> list[_Effect]:
     """Return roll, pitch and yaw torque effectiveness of every window."""
     effects = []
@@ -60,7 +51,12 @@ def window_figures(result: Result) -> list[Figure | LeftOut]:
     The first is the recommended one, if it was solved in windows: three more
     figures for every structure would repeat themselves.
     """
-    windowed = _windowed(result)
+    # The models that were solved window by window.
+    windowed = tuple(
+        (model, model.windows)
+        for model in result.identification.models
+        if model.windows is not None and model.windows.time_s.size
+    )
     if not windowed:
         reason = "No window of H_k could be solved."
         return [LeftOut(key="windows", title="The windows", reason=reason)]

@@ -126,7 +126,14 @@ class _Dispatcher:
         waiting = deque(tasks)
         while waiting:
             try:
-                self._stream(waiting, ahead)
+                # Keep the workers busy until nothing waits and nothing is in flight.
+                done = load("distributed", "fleet").as_completed(loop=self._client.loop)
+                self._hand_out(waiting, done, ahead)
+                for future in done:
+                    task = self._in_flight[future.key]
+                    self._settle(task, future, waiting)
+                    del self._in_flight[future.key]
+                    self._hand_out(waiting, done, ahead)
             except _SchedulerGoneError:
                 # In front, in their old order: the store must not depend on it, but people watch.
                 waiting.extendleft(reversed(self._in_flight.values()))
@@ -158,16 +165,6 @@ class _Dispatcher:
                         hint="Check the address; go on with --resume.",
                     ) from error
             time.sleep(_RECONNECT_S)
-
-    def _stream(self, waiting: deque[Task], ahead: int) -> None:
-        """Keep the workers busy until nothing waits and nothing is in flight."""
-        done = load("distributed", "fleet").as_completed(loop=self._client.loop)
-        self._hand_out(waiting, done, ahead)
-        for future in done:
-            task = self._in_flight[future.key]
-            self._settle(task, future, waiting)
-            del self._in_flight[future.key]
-            self._hand_out(waiting, done, ahead)
 
     def _hand_out(self, waiting: deque[Task], done: Any, ahead: int) -> None:
         """Submit tasks up to what may be in flight."""

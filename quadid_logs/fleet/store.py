@@ -171,11 +171,22 @@ class Store:
         """
         url = outcome.file.name
         with self._writing(), self._transaction():
-            held, is_done = self._held(outcome.sha256)
+            # The name under which the store has a content, "" if none, and whether that may stay.
+            found = self._database.execute(
+                "SELECT url, version FROM fleet WHERE sha256 = ? AND sha256 <> ''", (outcome.sha256,)
+            ).fetchone()
+            held, is_done = (found[0], found[1] == __version__) if found else ("", False)
             if outcome.is_known:
                 return not held or held <= url
             if not is_done or held >= url:
-                self._write_reports(outcome)
+                # Write the pages beside the table, before the rows that point to them.
+                pages = {
+                    f"{outcome.sha256}-{flight}.html": gzip.decompress(page)
+                    for flight, page in outcome.reports.items()
+                }
+                if pages:
+                    make_folder(self.folder / REPORTS)
+                    write_together(self.folder / REPORTS, pages)
                 self._database.execute(_REMOVE, (outcome.sha256, url))
                 self._database.executemany(_INSERT, map(_stored, outcome.rows))
         return True
@@ -216,23 +227,6 @@ class Store:
         """
         with self._writing(), self._transaction():
             self._database.execute("UPDATE fleet SET vehicle = ? WHERE vehicle = ?", (name, vehicle))
-
-    def _write_reports(self, outcome: Outcome) -> None:
-        """Write the pages beside the table, before the rows that point to them."""
-        pages = {
-            f"{outcome.sha256}-{flight}.html": gzip.decompress(page)
-            for flight, page in outcome.reports.items()
-        }
-        if pages:
-            make_folder(self.folder / REPORTS)
-            write_together(self.folder / REPORTS, pages)
-
-    def _held(self, sha256: str) -> tuple[str, bool]:
-        """Return the name under which the store has a content, "" if none, and whether that may stay."""
-        found = self._database.execute(
-            "SELECT url, version FROM fleet WHERE sha256 = ? AND sha256 <> ''", (sha256,)
-        ).fetchone()
-        return (found[0], found[1] == __version__) if found else ("", False)
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:

@@ -126,11 +126,7 @@ def _analyze(task: Task, path: Path, sha256: str) -> Outcome:
     except Exception as error:  # noqa: BLE001 - one log must never stop the others
         reason = f"unexpected {type(error).__name__}: {error}; a bug in quadid-logs"
         return failure(task, sha256, UNREADABLE, reason)
-    return _success(task, sha256, results)
-
-
-def _success(task: Task, sha256: str, results: tuple[Result, ...]) -> Outcome:
-    """Return the outcome of an analyzed log."""
+    # The outcome of an analyzed log.
     rows = result_rows(results, task.file, sha256, task.options.rules)
     return Outcome(
         file=task.file,

@@ -88,7 +88,12 @@ class AnalysisPool(WorkerPlugin):
                 limit = f"{task.options.timeout_s / 60.0:g} minutes (--timeout)"
                 return failure(task, "", LOST, f"It was not analyzed within {limit}.")
             except ProcessExpired as error:
-                raise ProcessDiedError(_ending(error.exitcode)) from error
+                # Say how a process ended.
+                raise ProcessDiedError(
+                    signal.Signals(-error.exitcode).name
+                    if error.exitcode < 0
+                    else f"exit code {error.exitcode}"
+                ) from error
             except BrokenProcessPool as error:
                 raise ProcessDiedError("the pool broke") from error
 
@@ -106,11 +111,6 @@ class AnalysisPool(WorkerPlugin):
             if not self._pool.active:
                 self._pool = self._new_pool()
             return self._pool
-
-
-def _ending(code: int) -> str:
-    """Say how a process ended."""
-    return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
 def hand_over(task: Task) -> Outcome:

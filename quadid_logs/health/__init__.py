@@ -43,7 +43,9 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
     ),
     "rotors": (("outputs",), "the log does not show what each rotor was sent, or the flight is too short"),
 }
-_FED_FORWARD: Final = "this controller's rate set-points only feed forward, and its rates do not follow them"
+_FED_FORWARD: Final = (
+    "this controller uses its rate set-points as feed-forward only, so the rates do not follow them"
+)
 _WORDS: Final[Mapping[str, str]] = {
     "body_rate": "body rates",
     "body_rate_setpoint": "rate set-points",

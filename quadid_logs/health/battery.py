@@ -57,7 +57,10 @@ def find_battery(
     n_means = record.time_s.size // n_mean
     means = record.values[: n_means * n_mean, 0].reshape(n_means, n_mean).mean(axis=1)
     start, lowest = float(means[0]), float(means.min())
-    n_cells = _cells(float(means.max()))
+    # The number of cells, 0 where more than one number fits.
+    highest_v = float(means.max())
+    fitting = _fitting(highest_v)
+    n_cells = fitting[0] if len(fitting) == 1 else 0
     sag = None if throttle is None else _sag(record, throttle)
     # What neither falls nor sags, at a voltage of no battery, is an input that was left open.
     if sag is None and start - lowest < _FALLS_V and not _fitting(float(means.max())):
@@ -83,12 +86,6 @@ def _flown_s(record: Record) -> float:
     """Return the time that the samples cover, without pauses [s]."""
     steps = np.diff(record.time_s)
     return float(steps[steps <= 5.0 * np.median(steps)].sum())
-
-
-def _cells(highest_v: float) -> int:
-    """Return the number of cells, 0 where more than one number fits."""
-    fitting = _fitting(highest_v)
-    return fitting[0] if len(fitting) == 1 else 0
 
 
 def _fitting(highest_v: float) -> list[int]:

@@ -53,7 +53,7 @@ def find_rates(rate: CleanSeries, intervals: Sequence[Interval]) -> Course | Non
     fast = np.percentile(size, _NEARLY_ALL, axis=0)
     highest = float(size.max())
     clipped = highest >= (1.0 - _SAME_RANGE) * _GYRO_DEG_S
-    told = f"In 99 % of the flight the vehicle turns by less than: {_by_axis(fast, 2)} deg/s. "
+    told = f"In 99 % of the flight the rates stay below: {_by_axis(fast, 2)} deg/s. "
     judged = "about where most gyros end" if clipped else "which is normal (most gyros end at"
     told += f"The fastest is {highest:.0f} deg/s, {judged}{'.' if clipped else f' {_GYRO_DEG_S:.0f}).'}"
     return _course(
@@ -205,8 +205,10 @@ def find_thrust(
     words = f"{number(1e3 * mass_kg, 3)} g" if mass_kg < 1.0 else f"{number(mass_kg, 3)} kg"
     return _course(
         record,
-        sentence=f"The thrust in this log carries {words} on average. That should be its vehicle's mass. "
-        "Otherwise its newtons and newton metres are wrong by the same factor.",
+        sentence=(
+            f"The logged thrust carries {words} on average. If that is not the vehicle's mass, the "
+            "newtons and newton metres of this log are wrong by the same factor."
+        ),
         judged=True,
         label="thrust",
         unit="N",
@@ -247,7 +249,7 @@ def find_torque(
     if not (moved > 0.0).all():
         return None
     share = mean / moved
-    told = f"The steady part of the torque is: {_by_axis(100.0 * share, 2)} % of how much it moves (rms). "
+    told = f"The steady part of the torque is: {_by_axis(100.0 * share, 2)} % of its rms variation. "
     told += "A balanced vehicle in still air needs none."
     figures = {axis: Quantity(float(one), "1") for axis, one in zip(AXES, share, strict=True)}
     lift = None if thrust is None else _flown(thrust, intervals)

@@ -423,7 +423,7 @@ def _sentence(
     """
     if not searched:
         return (
-            f"The gyro is logged up to {highest_hz:.3g} Hz and no set-points are: "
+            f"The gyro is logged up to {highest_hz:.3g} Hz only, and set-points are not logged: "
             "vibration cannot be separated from commands there."
         )
     named = sorted(

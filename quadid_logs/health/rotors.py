@@ -8,7 +8,7 @@ the first along its arm and the second in the sense of its spin; a load moves th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import Quantity, RotorFault, Rotors
 from quadid_logs.health.commanded import Commanded, commanded_thrust
 from quadid_logs.health.desync import find_desync
-from quadid_logs.health.effectiveness import find_effectiveness
+from quadid_logs.health.effectiveness import directions, find_effectiveness
 from quadid_logs.health.motors import motor_names
 from quadid_logs.health.propellers import find_shaking
 from quadid_logs.maths.normal import NORMAL_95
@@ -98,6 +98,7 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
     )
     changes = tuple(_changes(balances, sent.place))
     faults = [*_lost(balances, sent, rate, changes, names)]
+    axes_change = _axes_change(changes, sent.place, [one.rotor for one in faults] or range(n_rotors))
     lost = changes[faults[0].rotor] if faults else None
     begin = slice(None) if lost is None else lost.before
     steady = _Balances(*(part[begin] for part in balances))
@@ -139,6 +140,7 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
         faults=tuple(faults),
         findings=tuple(dict.fromkeys(one.code for one in faults)),
         searched=tuple(code for code, one in allowed.items() if one),
+        axes_change=axes_change,
     )
 
 
@@ -306,6 +308,34 @@ def _as_change(balances: _Balances, place: FloatArray, rotor: int, change: Chang
         return None
     low, high = fit.gives.ci95 or (0.0, 0.0)
     return fit.gives if fit.yaw_is_sure or low <= 1.0 <= high else None
+
+
+def _axes_change(
+    changes: Sequence[Change | None], place: FloatArray, rotors: Iterable[int]
+) -> tuple[Quantity, ...]:
+    """Return how the loss of one of these rotors changed each axis; nothing where the balance did not move.
+
+    An axis' torque is shared out by arms, so that a rotor counts by its arm's square. Neither yaw nor what
+    moved across the arm is asked: a load that slipped moves the balance, too, and changes nothing.
+    """
+    n_lines, n_rotors, found = len(_lines(place)), len(place), []
+    for rotor in rotors:
+        change = changes[rotor]
+        if change is not None and change.size.value > 0.0 and change.p_value * n_lines < _OF_EACH:
+            found.append((change.p_value, -change.size.value, rotor, change))
+    if not found:
+        return ()
+    _, _, rotor, change = min(found, key=lambda one: one[:2])
+    reach, share = float(np.linalg.norm(place[rotor, :2])), directions(place) ** 2
+    part = share[:, rotor] / share.sum(axis=1)
+    low, middle, high = (
+        1.0 - part * (1.0 - _gives(float(np.clip(moved / reach, 0.0, 0.9)), n_rotors))
+        for moved in (change.size.value + sign * change.size.half_width for sign in (1.0, 0.0, -1.0))
+    )
+    return tuple(
+        Quantity(float(value), "1", (float(least), float(most)))
+        for value, least, most in zip(middle, low, high, strict=True)
+    )
 
 
 def _weak(

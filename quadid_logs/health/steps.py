@@ -192,7 +192,14 @@ def _response(windows: _Windows) -> Response | None:
     some: list[tuple[_Size, BoolArray]] = [("small", ~large), ("large", large)]
     parts = [(size, chosen, _curve(windows, chosen)) for size, chosen in some if chosen.sum() >= _GROUPS]
     told = [_shown(size, chosen, curve) for size, chosen, curve in parts if curve and curve.known]
-    lag = _lag(windows)
+    # Where the cross-correlation is highest [s]; None where that may not be behind the set-point.
+    cross = windows.xy
+    total = cross.sum(axis=0)
+    value = _shift(windows, total)
+    groups = np.array_split(np.arange(len(cross)), _GROUPS)
+    others = [_shift(windows, total - cross[one].sum(axis=0)) for one in groups]
+    found = _with_interval(value, others, "s")
+    lag = found if found.ci95 is not None and found.ci95[0] > 0.0 else None
     if lag is None:
         return None
     if windows.period_s > _SLOWEST_S or not whole.known:
@@ -291,17 +298,6 @@ def _half_time(times: FloatArray, response: FloatArray) -> float:
     below, above = float(response[after - 1]), float(response[after])
     share = (0.5 - below) / (above - below) if above > below else 0.0
     return float(times[after - 1] + share * (times[after] - times[after - 1]))
-
-
-def _lag(windows: _Windows) -> Quantity | None:
-    """Return where the cross-correlation is highest [s]; None where that may not be behind the set-point."""
-    cross = windows.xy
-    total = cross.sum(axis=0)
-    value = _shift(windows, total)
-    groups = np.array_split(np.arange(len(cross)), _GROUPS)
-    others = [_shift(windows, total - cross[one].sum(axis=0)) for one in groups]
-    found = _with_interval(value, others, "s")
-    return found if found.ci95 is not None and found.ci95[0] > 0.0 else None
 
 
 def _shift(windows: _Windows, cross: FloatArray) -> float:

@@ -65,7 +65,7 @@ def find_tracking(
             asked = unwrapped(asked[:, np.newaxis])[:, 0]
         errors.append(np.abs(error))
         axes[axis] = AxisTracking(
-            error_rms=Quantity(_rms(error), unit),
+            error_rms=Quantity(float(np.sqrt(np.mean(error**2))), unit),
             setpoint_rms=Quantity(float(np.std(asked)), unit),
             lag=lags.get(axis),
         )
@@ -147,10 +147,6 @@ def _side_by_side(
         both = [in_flight(one, intervals) for one in (setpoint, actual)]
         return both[0].time_s, np.column_stack([one.values for one in both])
     return np.concatenate([one.time_s for one in found]), np.concatenate([one.values for one in found])
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _sentence(axes: Mapping[str, AxisTracking], of: str) -> str:

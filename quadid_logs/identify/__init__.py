@@ -32,7 +32,6 @@ from quadid_logs.identify.excitation import (
     turns,
 )
 from quadid_logs.identify.first_stage import told_axes, with_strong_instruments
-from quadid_logs.identify.flights_differ import with_flights_beside
 from quadid_logs.identify.model import actuated_model, explained_accelerations
 from quadid_logs.identify.published import fit_as_published
 from quadid_logs.identify.response import SAMPLES_PER_CYCLE, Band, fitted_band, responses
@@ -46,6 +45,7 @@ from quadid_logs.identify.splice import with_axis_of
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
 from quadid_logs.identify.terms import GYROSCOPIC, YAW_REACTION
 from quadid_logs.identify.thrust_curve import fit_thrust_curve
+from quadid_logs.identify.two_vehicles import with_flights_beside
 from quadid_logs.identify.yaw import YawFit, fit_with_reaction
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 

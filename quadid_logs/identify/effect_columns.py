@@ -11,11 +11,11 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.model import Effect
+from quadid_logs.identify.rotors import Rotors, lagged_speeds, rotors_known
 from quadid_logs.identify.spectral import SpectralSolution, command_records, spectra_of
 from quadid_logs.identify.torque_errors import half_steps
 from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
 from quadid_logs.maths.band import ComplexArray
-from quadid_logs.maths.recurrence import lag
 from quadid_logs.maths.rotations import tilt_from_rates
 
 #: Where dead zones and limits are looked for, as quantiles of the torque's size.
@@ -26,14 +26,21 @@ _LIMITS: Final = (0.8, 0.9, 0.96)
 #: likely as three of the six other kinds.
 _SMALL_DEAD_ZONE = 0.005
 _OTHERS = 3.0
+#: By how much of the mean quicker rotors speed up, and slower they slow down: motors that brake slow down
+#: about as fast as they speed up, others take 1.5 to 5 times as long.
+_ASYMMETRIES: Final = (0.2, 0.35, 0.5, 0.65)
 #: Standard deviations of the coefficients. From nothing to all of the torque is lost below a dead zone or
-#: beyond a limit; rotors that slow down twice as slowly as they speed up lack a third as much again.
+#: beyond a limit.
 _LOST = 0.5
 #: Drag beside the centre of mass, and loads, swing a tilted vehicle at some 0.4 Hz [1/s^2].
 _TILT_1_S2 = (2.0 * np.pi * 0.4) ** 2
 #: Thrust goes with the throttle to a power of one to two: its slope, where nothing straightens the curve, to
 #: a power of none to one.
 _BY_THROTTLE = 0.5
+
+
+#: Of a thrust: rotors do not pull down.
+_LEAST = 1e-9
 
 
 class EffectColumn(NamedTuple):
@@ -158,7 +165,7 @@ def effect_columns(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn
     EffectColumn
     """
     torques, described = signals.torques, signals.data.input
-    for loss in _losses_of_axes(torques, described, signals.data.sample_period_s, lag_s):
+    for loss in _losses_of_axes(torques, described):
         column, weights = signals.of_loss(loss), np.broadcast_to(loss.weight, 3).tolist()
         if column is not None:
             yield from (column._replace(axes=(axis,), weight=weights[axis]) for axis in signals.moved)
@@ -166,6 +173,7 @@ def effect_columns(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn
         column = signals.of_loss(loss)
         if column is not None:
             yield column
+    yield from _late_rotors(signals, lag_s)
     yield from _cut_steps(signals)
     yield from _tilts(signals)
     yield from _by_throttle(signals)
@@ -229,16 +237,13 @@ def _beyond(torque: FloatArray, level: FloatArray) -> FloatArray:
     return torque - np.clip(torque, -level, level)
 
 
-def _losses_of_axes(
-    torques: Sequence[FloatArray], described: InputDescription | None, period_s: float, lag_s: float
-) -> Iterator[Loss]:
+def _losses_of_axes(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[Loss]:
     """Yield what the torque about each axis may lose by itself."""
     sizes = np.abs(np.concatenate(torques))
     for level in np.quantile(sizes, _DEAD_ZONES, axis=0):
         yield Loss("threshold", partial(_below, level=level), _dead_zone_weight(level, described))
     for level in np.quantile(sizes, _LIMITS, axis=0):
         yield Loss("limit", partial(_beyond, level=level), 1.0 / len(_LIMITS))
-    yield Loss("asymmetry", partial(_not_braked, period_s=period_s, lag_s=lag_s), 1.0)
 
 
 def _losses_of_all(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[Loss]:
@@ -258,31 +263,28 @@ def _dead_zone_weight(level: FloatArray, described: InputDescription | None) -> 
 
 
 def _cut_steps(signals: FlownSignals) -> Iterator[EffectColumn]:
-    """Yield what is missing in a torque that was logged in whole steps if these were cut, not rounded.
+    """Yield what is missing in torques that were logged in whole steps if these were cut, not rounded.
 
-    The coefficient is the effectiveness itself if they were, and none if they were not.
+    One logger writes all axes: the coefficient is one if it cuts, and none if it rounds.
     """
     described = signals.data.input
-    for axis in signals.moved:
-        step = 0.0 if described is None else described.grid[axis]
-        if step:
-            added = Loss("cut steps", partial(_missing, step=step), 1.0)
-            column = signals.of_loss(added, spread=1.0)
-            if column is not None:
-                yield column._replace(axes=(axis,))
+    if described is not None and any(described.grid):
+        lost = partial(_missing, steps=np.array(described.grid, dtype=np.float64))
+        column = signals.of_loss(Loss("cut steps", lost, 1.0), spread=1.0)
+        if column is not None:
+            yield column
 
 
-def _missing(torque: FloatArray, step: float) -> FloatArray:
+def _missing(torque: FloatArray, steps: FloatArray) -> FloatArray:
     """Return half a step against the direction of each torque: lost, it is added."""
-    return np.asarray(-half_steps(torque, step))
+    return np.asarray(-half_steps(torque, steps))
 
 
 def _losses_of_rotors(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[Loss]:
     """Yield what dead zones of the rotors take, where it is known how they make the torque."""
-    per_thrust = None if described is None else described.torque_per_thrust
-    if per_thrust is None or not np.isfinite(per_thrust).all() or not per_thrust.any():
+    per_thrust, by_torque = _mixing(described)
+    if not per_thrust.size:
         return
-    by_torque = np.asarray(np.linalg.pinv(per_thrust), dtype=np.float64)
     for level in np.quantile(np.abs(np.concatenate(torques) @ by_torque.T), _DEAD_ZONES):
         lost = partial(_below_of_rotors, level=level, by_torque=by_torque, per_thrust=per_thrust)
         yield Loss("rotor threshold", lost, 1.0 / len(_DEAD_ZONES))
@@ -316,11 +318,63 @@ def _tilts(signals: FlownSignals) -> Iterator[EffectColumn]:
                 )
 
 
-def _not_braked(torque: FloatArray, period_s: float, lag_s: float) -> FloatArray:
-    """Return what rotors that slow down later than they speed up take from the torque; shape (n, 3).
+def _late_rotors(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn]:
+    """Yield what rotors that slow down later than they speed up take, where each one's thrust is known.
 
-    While the torque rises, half of the rotors slow down: what all of them lack is off by the torque's lack,
-    rectified and lagged, in the direction of its change.
+    The coefficient is one if they do so by as much as the level says.
     """
-    lacking = torque - lag(torque, period_s, lag_s)
-    return np.asarray(np.sign(lacking) * lag(np.abs(lacking), period_s, lag_s))
+    per_thrust, by_torque = _mixing(signals.data.input)
+    if not (rotors_known(signals.data) and per_thrust.size):
+        return
+    segments = [record.segment for record in signals.records]
+    # What the rotors give beside this torque: the lift, as it was flown.
+    lift = [
+        np.asarray(each.rotor_thrust - each.torque @ by_torque.T)
+        for each in segments
+        if each.rotor_thrust is not None
+    ]
+    for asymmetry in _ASYMMETRIES:
+        rotors = Rotors(lag_s / (1.0 + asymmetry), lag_s / (1.0 - asymmetry))
+        made = [
+            partial(
+                _late,
+                lift=each,
+                rotors=rotors,
+                mixing=(per_thrust, by_torque),
+                period_s=signals.data.sample_period_s,
+            )
+            for each in lift
+        ]
+        column = signals.column("asymmetry", made, lost=True, spread=1.0, weight=1.0 / len(_ASYMMETRIES))
+        if column is not None:
+            yield column
+
+
+def _late(
+    torque: FloatArray,
+    lift: FloatArray,
+    rotors: Rotors,
+    mixing: tuple[FloatArray, FloatArray],
+    period_s: float,
+) -> FloatArray:
+    """Return what rotors take from a torque that slow down later than they speed up; shape (n, 3).
+
+    Speed w follows its target w* with the lag T/(1 + a) upwards and T/(1 - a) downwards. With thrust w^2, a
+    linear lag T would have to be given w^2 + 2 w (w* - w) (1 +- a): the thrust's target, less the square of
+    w* - w, plus a times 2 w |w* - w|. The latter has no sign: of two rotors that a torque moves against each
+    other it cancels where both lack as much.
+    """
+    per_thrust, by_torque = mixing
+    target = np.sqrt(np.maximum(torque @ by_torque.T + lift, _LEAST))
+    speed = lagged_speeds(target, period_s, rotors)
+    gap = target - speed
+    more = 2.0 * speed * np.abs(gap) * (rotors.down_s - rotors.up_s) / (rotors.down_s + rotors.up_s)
+    return np.asarray((gap**2 - more) @ per_thrust.T)
+
+
+def _mixing(described: InputDescription | None) -> tuple[FloatArray, FloatArray]:
+    """Return the torque per thrust, (3, n_rotors), and its pseudo-inverse; empty where it is not known."""
+    per_thrust = None if described is None else described.torque_per_thrust
+    if per_thrust is None or not np.isfinite(per_thrust).all() or not per_thrust.any():
+        return np.zeros((3, 0)), np.zeros((0, 3))
+    return per_thrust, np.asarray(np.linalg.pinv(per_thrust), dtype=np.float64)

@@ -157,7 +157,7 @@ def equivalent_torque(
     if thrust is None or torque_per_thrust is None:
         return segment.torque
     target = np.sqrt(thrust)
-    speed = _lagged(target, period_s, rotors)
+    speed = lagged_speeds(target, period_s, rotors)
     gap = target - speed
     # F + T dF/dt, with the T of the direction in dw/dt and the mean of both before dF/dt.
     # In place: a search makes this torque hundreds of times, and new memory takes longer than the sums.
@@ -176,9 +176,22 @@ def equivalent_torque(
     return found
 
 
-def _lagged(target: FloatArray, period_s: float, rotors: Rotors) -> FloatArray:
+def lagged_speeds(target: FloatArray, period_s: float, rotors: Rotors) -> FloatArray:
     """Return speeds that approach held targets exponentially, up and down with their own time constant.
 
+    Parameters
+    ----------
+    target : ndarray, shape (n_samples, n_rotors)
+    period_s : float
+        Between samples [s].
+    rotors : Rotors
+
+    Returns
+    -------
+    ndarray, shape (n_samples, n_rotors)
+
+    Notes
+    -----
     The recursion runs through intervals of the flight side by side: each
     begins early enough for its own start to be forgotten.
     """

@@ -14,7 +14,7 @@ from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.inference import intervals
 from quadid_logs.identify.parameters import MAX_RELATIVE_CI
-from quadid_logs.identify.splice import with_axis_of
+from quadid_logs.identify.splice import with_axis_of, with_interval
 from quadid_logs.identify.structural import LARGE_SHIFT, is_late, possible_losses, seen_effects
 from quadid_logs.identify.structures import Structure
 from quadid_logs.identify.terms import YAW_REACTION
@@ -114,21 +114,14 @@ def with_effects_beside(model: Model, fits: Sequence[SpectralFit], axes: Sequenc
     """
     for axis in axes:
         fit, old = fits[axis], model.entries[ON_AXIS[AXES[axis]]]
-        if not (fit.is_described and fit.follows_commands and np.isfinite([*old.ci95, fit.by_effects]).all()):
+        if not (fit.follows_commands and np.isfinite([*old.ci95, fit.by_effects]).all()):
             continue
         more = fit.by_effects * abs(old.value)
         low, high = (
             old.value + sign * float(np.hypot(old.value - end, more))
             for sign, end in zip((-1.0, 1.0), old.ci95, strict=True)
         )
-        new = replace(old, ci95=(low, high))
-        posterior = model.posterior
-        if posterior is not None:
-            covariance = posterior.covariance.copy()
-            covariance[axis, 0, 0] += (more / NORMAL_95) ** 2
-            posterior = replace(posterior, covariance=covariance)
-        parameters = tuple(new if each is old else each for each in model.parameters)
-        model = replace(model, parameters=parameters, posterior=posterior)
+        model = with_interval(model, axis, (low, high))
     return model
 
 

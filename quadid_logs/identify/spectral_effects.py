@@ -48,6 +48,8 @@ AVERAGED: Final[frozenset[Effect]] = frozenset(
 )
 #: Before a log is seen: none of the effects is as likely as one of them, and each kind as likely as another.
 _NO_EFFECT = 0.5
+#: Whole steps were cut or rounded: of two ways to write a number one is as likely as the other.
+_CUT_OR_ROUNDED = 1.0
 #: The form of an effect is assumed, and others beside it change what it takes: in simulated flights with two
 #: of them by up to about half of it, in 95 of 100.
 _FORM = 0.5
@@ -147,9 +149,12 @@ def _probabilities(found: Sequence[_Posterior]) -> FloatArray:
     Each axis has one of its own effects or none, by itself; what all axes share is an explanation instead of
     those of all axes together.
     """
-    kinds = len({each.column.kind for each in found})
+    kinds = len({each.column.kind for each in found} - {"cut steps"})
     prior = (1.0 - _NO_EFFECT) / _NO_EFFECT / max(kinds, 1)
-    odds = np.array([np.log(prior * each.column.weight) + each.log_ratio for each in found])
+    priors = [_CUT_OR_ROUNDED if each.column.kind == "cut steps" else prior for each in found]
+    odds = np.array(
+        [np.log(one * each.column.weight) + each.log_ratio for one, each in zip(priors, found, strict=True)]
+    )
     shared_by_axes = np.array([len(each.column.axes) > 1 for each in found], dtype=bool)
     axes = np.array([each.column.axes[0] for each in found], dtype=int)
     own = [odds[~shared_by_axes & (axes == axis)] for axis in range(_AXES)]

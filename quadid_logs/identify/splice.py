@@ -14,7 +14,8 @@ from quadid_logs.data.model import ChangeCheck, FitSeries, FormulationCheck, Mod
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.inference import Estimate
 from quadid_logs.identify.model import discrete_of
-from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, RATE_SYMBOLS
+from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 
 _Check = TypeVar("_Check", ChangeCheck, FormulationCheck)
 _AXES: Final = 3
@@ -58,6 +59,31 @@ def with_axis_of(model: Model, other: Model, axis: int, data: FlightData) -> Mod
         bootstrap_half_width=_column(model.bootstrap_half_width, other.bootstrap_half_width, axis),
         posterior=_posterior(model.posterior, other.posterior, axis),
     )
+
+
+def with_interval(model: Model, axis: int, ci95: tuple[float, float]) -> Model:
+    """Return the model with a wider interval of an axis' effectiveness, in what margins are drawn from, too.
+
+    Parameters
+    ----------
+    model : Model
+    axis : int
+        0 roll, 1 pitch, 2 yaw.
+    ci95 : tuple of float
+
+    Returns
+    -------
+    Model
+    """
+    old, posterior = model.entries[ON_AXIS[AXES[axis]]], model.posterior
+    new = replace(old, ci95=ci95)
+    if posterior is not None:
+        farther, was = (max(abs(end - old.value) for end in each.ci95) / NORMAL_95 for each in (new, old))
+        covariance = posterior.covariance.copy()
+        covariance[axis, 0, 0] += max(farther**2 - was**2, 0.0)
+        posterior = replace(posterior, covariance=covariance)
+    parameters = tuple(new if each is old else each for each in model.parameters)
+    return replace(model, parameters=parameters, posterior=posterior)
 
 
 def _posterior(first: Posterior | None, second: Posterior | None, axis: int) -> Posterior | None:

@@ -134,7 +134,7 @@ def grid_errors(design: Design, grid: Sequence[float]) -> tuple[RowTorque, ...]:
     return tuple(
         design.torque.replaced(
             [
-                _IN_FULL * half_steps(chunk.torque[:, [axis]], step) * (np.arange(3) == axis)
+                _IN_FULL * half_steps(chunk.torque[:, [axis]], np.array([step])) * (np.arange(3) == axis)
                 for chunk in design.chunks
             ]
         )
@@ -143,21 +143,21 @@ def grid_errors(design: Design, grid: Sequence[float]) -> tuple[RowTorque, ...]:
     )
 
 
-def half_steps(torque: FloatArray, step: float) -> FloatArray:
+def half_steps(torque: FloatArray, steps: FloatArray) -> FloatArray:
     """Return half a step in the direction of each torque; at zero, from the sign before to that after.
 
     Parameters
     ----------
     torque : ndarray, shape (n_samples, n_axes)
-    step : float
-        Of the values that were logged.
+    steps : ndarray, shape (n_axes,)
+        Of the values that were logged, 0 where they take any.
 
     Returns
     -------
     ndarray, shape (n_samples, n_axes)
     """
-    half = np.copysign(0.5 * step, torque)
-    for column, values in zip(half.T, torque.T, strict=True):
+    half = np.copysign(0.5 * steps, torque)
+    for column, values, step in zip(half.T, torque.T, steps.tolist(), strict=True):
         known = np.flatnonzero(np.abs(values) > 0.5 * step)
         if known.size:
             column[:] = np.interp(np.arange(values.size), known, column[known])

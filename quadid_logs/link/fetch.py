@@ -183,7 +183,18 @@ class Logs:
 
     def _receive(self, log: RemoteLog, file: BinaryIO, tell: Callable[[int], None]) -> None:
         if self._vehicle is None:
-            _copy(Path(log.path), file, log.size, tell)
+            # Append the missing bytes of a file on a card.
+            source = Path(log.path)
+            with source.open("rb") as card:
+                card.seek(file.tell())
+                while file.tell() < log.size and (block := card.read(min(_BLOCK, log.size - file.tell()))):
+                    file.write(block)
+                    tell(file.tell())
+            if file.tell() != log.size:
+                raise LinkError(
+                    f"The card gave {file.tell()} of {log.size} bytes of {printable(source.name)}.",
+                    hint="Check the card; the same command goes on where it stopped.",
+                )
         elif self._files is not None:
             self._files.read(log.path, file, log.size, tell)
         else:
@@ -331,20 +342,6 @@ def _opened(part: Path) -> Iterator[BinaryIO]:
         yield file
         file.flush()
         os.fsync(number)
-
-
-def _copy(source: Path, file: BinaryIO, size: int, tell: Callable[[int], None]) -> None:
-    """Append the missing bytes of a file on a card."""
-    with source.open("rb") as card:
-        card.seek(file.tell())
-        while file.tell() < size and (block := card.read(min(_BLOCK, size - file.tell()))):
-            file.write(block)
-            tell(file.tell())
-    if file.tell() != size:
-        raise LinkError(
-            f"The card gave {file.tell()} of {size} bytes of {printable(source.name)}.",
-            hint="Check the card; the same command goes on where it stopped.",
-        )
 
 
 def _checksum(file: BinaryIO) -> int:

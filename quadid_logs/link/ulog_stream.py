@@ -121,7 +121,11 @@ class ULogStream:
             data = data[first:]
             self._broken = False
             if not self._in_header:
-                self._write(_dropout(self._lost_s))
+                # The message that says that some milliseconds are missing.
+                self._write(
+                    b"\x02\x00O"
+                    + min(max(round(1e3 * self._lost_s), 1), _LONGEST_MARK_MS).to_bytes(2, "little")
+                )
         self._begun += data
         self._write_whole()
 
@@ -142,8 +146,3 @@ class ULogStream:
     def _write(self, content: bytes) -> None:
         self._file.write(content)
         self.n_bytes += len(content)
-
-
-def _dropout(lost_s: float) -> bytes:
-    """Return the message that says that some milliseconds are missing."""
-    return b"\x02\x00O" + min(max(round(1e3 * lost_s), 1), _LONGEST_MARK_MS).to_bytes(2, "little")

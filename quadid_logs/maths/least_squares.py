@@ -176,7 +176,11 @@ def clustered_covariance(
     McCaffrey, Survey Methodology 28, 2002, and J. G. MacKinnon, M. O. Nielsen and
     M. D. Webb, J. Econometrics 232, 2023.
     """
-    scale = _parameter_scale(equations, n_parameters)
+    # The length of each parameter's column over all equations, 1 where it is zero.
+    squares = np.zeros(n_parameters)
+    for equation in equations:
+        squares[equation.parameters] += np.einsum("ij,ij->j", equation.jacobian, equation.jacobian)
+    scale = np.where(squares > 0.0, np.sqrt(squares), 1.0)
     prior = np.zeros(n_parameters) if prior_precision is None else prior_precision / scale**2
     bread = _inverse_information(equations, scale, prior)
     scores, information = _by_cluster(equations, clusters, scale)
@@ -196,14 +200,6 @@ def _jackknifed(scores: FloatArray, information: FloatArray, bread: FloatArray) 
         left_out = identity - information[part] @ bread + _SINGULAR * identity
         found[part] = np.linalg.solve(left_out, scores[part, :, np.newaxis])[..., 0]
     return found
-
-
-def _parameter_scale(equations: Sequence[Equation], n_parameters: int) -> FloatArray:
-    """Return the length of each parameter's column over all equations, 1 where it is zero."""
-    squares = np.zeros(n_parameters)
-    for equation in equations:
-        squares[equation.parameters] += np.einsum("ij,ij->j", equation.jacobian, equation.jacobian)
-    return np.where(squares > 0.0, np.sqrt(squares), 1.0)
 
 
 def _inverse_information(equations: Sequence[Equation], scale: FloatArray, prior: FloatArray) -> FloatArray:

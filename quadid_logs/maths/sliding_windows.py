@@ -121,10 +121,13 @@ def solve_windows(regressors: FloatArray, targets: FloatArray) -> WindowSolution
     scaled_theta, singular, strong = solve(regressors / scale, targets)
     theta = scaled_theta / np.swapaxes(scale, 1, 2)
     residual = targets - regressors @ theta
+    # Largest over smallest singular value, infinite where the smallest is rounding noise.
+    found = np.full(len(singular), np.inf)
+    np.divide(singular[:, 0], singular[:, -1], out=found, where=strong[:, -1])
     return WindowSolution(
         coefficients=np.swapaxes(theta, 1, 2),
         singular_values=singular,
-        condition_number=_condition_number(singular, strong),
+        condition_number=found,
         rank=np.count_nonzero(strong, axis=1).astype(np.int64),
         residual_rms=np.sqrt(np.mean(residual**2, axis=1)),
         column_rms=length[:, 0, :] / np.sqrt(n_samples),
@@ -157,13 +160,6 @@ def _solve_square(H: FloatArray, Y: FloatArray) -> tuple[FloatArray, FloatArray,
 def _well_conditioned(singular: FloatArray) -> BoolArray:
     """Say of each window whether elimination is good enough."""
     return np.asarray(singular[:, -1] > _WELL_CONDITIONED * singular[:, 0])
-
-
-def _condition_number(singular: FloatArray, strong: BoolArray) -> FloatArray:
-    """Return largest over smallest singular value, infinite where the smallest is rounding noise."""
-    found = np.full(len(singular), np.inf)
-    np.divide(singular[:, 0], singular[:, -1], out=found, where=strong[:, -1])
-    return found
 
 
 def weakest_words(direction: FloatArray, names: Sequence[str]) -> str:

@@ -24,26 +24,30 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
     # Who logs a rover or a plane is not helped by how to describe its rotors.
     if model is None or not (model.n_rotors or log.vehicle_type in (MULTIROTOR, "unknown")):
         return []
-    facts = [("Airframe", _frame(model))]
+    # Say what the frame is and what says so, or what to pass.
+    if not model.n_rotors:
+        frame = f"not known; {_needs(model)}" if model.needs else "not known"
+    else:
+        frame = (
+            f"{printable(model.frame, 60)}, {model.n_rotors} motors ({printable(model.frame_source, 120)})"
+        )
+    facts = [("Airframe", frame)]
     if model.n_rotors:
         facts.append(("Motors", _motors(model)))
         facts.append(("Scale", _calibration(model)))
     if model.check is not None:
         facts.append(("Mixer", _check(model.check)))
-    saturation = _saturation(model)
+    # Say how often each axis got less than was commanded, "" where that is not known.
+    fractions = zip(AXES, model.saturated_fraction, strict=True)
+    saturation = ", ".join(
+        f"{axis} {percent(fraction)} of the flight" for axis, fraction in fractions if math.isfinite(fraction)
+    )
     if saturation:
         facts.append(("Limited", saturation))
     if model.rotor_speed:
         facts.append(("Rotor rpm", printable(model.rotor_speed, 160)))
     remarks = [printable(remark, 400) for remark in model.remarks]
     return facts + [("Remark", remark) for remark in dict.fromkeys(remarks)]
-
-
-def _frame(model: TorqueModel) -> str:
-    """Say what the frame is and what says so, or what to pass."""
-    if not model.n_rotors:
-        return f"not known; {_needs(model)}" if model.needs else "not known"
-    return f"{printable(model.frame, 60)}, {model.n_rotors} motors ({printable(model.frame_source, 120)})"
 
 
 def _motors(model: TorqueModel) -> str:
@@ -92,12 +96,4 @@ def _check(check: MixerCheck) -> str:
         f"recomputed pulse widths miss the logged ones by {check.mean_us:.2f} µs in the mean, "
         f"{check.std_us:.2f} µs rms ({check.n_samples} unsaturated rows; air density: "
         f"{printable(check.density, 60)})"
-    )
-
-
-def _saturation(model: TorqueModel) -> str:
-    """Say how often each axis got less than was commanded, "" where that is not known."""
-    fractions = zip(AXES, model.saturated_fraction, strict=True)
-    return ", ".join(
-        f"{axis} {percent(fraction)} of the flight" for axis, fraction in fractions if math.isfinite(fraction)
     )

@@ -144,21 +144,17 @@ def _vehicle_lines(found: Check) -> Iterator[str]:
         yield _change_words(one)
     kinds = {one.kind for one in changes}
     if kinds:
-        yield f"The vehicle is not the one promised: check {listed(sorted(_to_check(kinds)))}."
+        looked = {"propellers", "motors"}
+        if QuantityKind.EFFECTIVENESS in kinds:
+            looked |= {"battery", "load"}
+        if QuantityKind.COUPLING in kinds:
+            looked |= {"mounting of the flight controller"}
+        if kinds & {QuantityKind.LAG, QuantityKind.DELAY}:
+            looked |= {"ESC settings"}
+        yield f"The vehicle is not the one promised: check {listed(sorted(looked))}."
     cells = found.n_cells
     if 0 not in cells and cells[0] != cells[1]:
         yield f"The battery has {cells[1]} cells; the promise was made with {cells[0]}."
-
-
-def _to_check(kinds: set[QuantityKind]) -> set[str]:
-    looked = {"propellers", "motors"}
-    if QuantityKind.EFFECTIVENESS in kinds:
-        looked |= {"battery", "load"}
-    if QuantityKind.COUPLING in kinds:
-        looked |= {"mounting of the flight controller"}
-    if kinds & {QuantityKind.LAG, QuantityKind.DELAY}:
-        looked |= {"ESC settings"}
-    return looked
 
 
 def _change_words(one: VehicleCheck) -> str:

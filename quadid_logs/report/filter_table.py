@@ -70,14 +70,14 @@ def _line_words(line: Line) -> str:
 
 def _row(cost: FilterCost) -> tuple[Cell, ...]:
     phase = cost.phase_deg
-    lost = Cell(text="–") if phase is None else Cell(text=_degrees(phase), detail=interval(*phase.ci95))
+    lost = (
+        Cell(text="–")
+        if phase is None
+        else Cell(text=resolved(phase.value, *phase.ci95), detail=interval(*phase.ci95))
+    )
     gains = (Cell(text=f"{gain_db:.1f}".replace("-", "−")) for gain_db in cost.at_lines_db)
     name = cost.name or "all of the gyro's path"
     return (Cell(text=name, detail=_centre(cost)), Cell(text=_PLACES[cost.place]), lost, *gains)
-
-
-def _degrees(phase: Estimated) -> str:
-    return resolved(phase.value, *phase.ci95)
 
 
 def _centre(cost: FilterCost) -> str:

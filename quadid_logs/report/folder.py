@@ -183,7 +183,13 @@ def write_report(
     with _writing_beside(folder) as beside:
         if drawings:
             write_drawings(result, provenance, beside, png)
-        timed = _with_report_time(result, time.perf_counter() - started)
+        # The result with the seconds that the report took.
+        report_s = time.perf_counter() - started
+        timings = dict(result.timings_s)
+        timings["report"] = report_s
+        timings["total"] = timings.get("total", 0.0) + report_s
+        timed = replace(result, timings_s=timings)
+        tuning_of.hand_on(result, timed)
         text = json_text(timed, provenance)
         (beside / RESULT_FILE).write_text(text, encoding="utf-8")
         _move_into(beside, folder, force=force)
@@ -214,16 +220,6 @@ def _summary(result: Result) -> Figure:
     from quadid_logs.report.verdict import effect_sentence, headline
 
     return summary_figure(result, headline(result), {axis: effect_sentence(result, axis) for axis in AXES})
-
-
-def _with_report_time(result: Result, report_s: float) -> Result:
-    """Return the result with the seconds that the report took."""
-    timings = dict(result.timings_s)
-    timings["report"] = report_s
-    timings["total"] = timings.get("total", 0.0) + report_s
-    timed = replace(result, timings_s=timings)
-    tuning_of.hand_on(result, timed)
-    return timed
 
 
 @contextmanager

@@ -39,8 +39,18 @@ def health_dict(health: Health) -> dict[str, Any]:
     dict
         Topics that this version does not look at are None too.
     """
+    # Rates, angles and steps, of which the first that is there says the sentence.
+    parts: Mapping[str, tuple[Topic | None, Callable[[Any], dict[str, Any]]]] = {
+        "rates": (health.tracking, _axes),
+        "angles": (health.attitude, _axes),
+        "steps": (health.steps, _steps),
+    }
+    found = {name: _topic(topic, figures) for name, (topic, figures) in parts.items()}
+    first = next((one for one in found.values() if one is not None), None)
     return {
-        "tracking": _tracking(health),
+        "tracking": (
+            None if first is None else {key: first[key] for key in ("sentence", "level", "findings")} | found
+        ),
         "noise": _topic(health.noise, _noise),
         "filters": None,
         "vibration": _topic(health.vibration, _vibration),
@@ -71,18 +81,6 @@ def _quantity(number: Quantity | None) -> dict[str, Any] | None:
 
 def _course(course: Course) -> dict[str, Any]:
     return {"figures": {name: _quantity(one) for name, one in course.figures.items()}}
-
-
-def _tracking(health: Health) -> dict[str, Any] | None:
-    """Return rates, angles and steps, of which the first that is there says the sentence."""
-    parts: Mapping[str, tuple[Topic | None, Callable[[Any], dict[str, Any]]]] = {
-        "rates": (health.tracking, _axes),
-        "angles": (health.attitude, _axes),
-        "steps": (health.steps, _steps),
-    }
-    found = {name: _topic(topic, figures) for name, (topic, figures) in parts.items()}
-    first = next((one for one in found.values() if one is not None), None)
-    return None if first is None else {key: first[key] for key in ("sentence", "level", "findings")} | found
 
 
 def _axes(tracking: Tracking) -> dict[str, Any]:

@@ -29,7 +29,18 @@ def comparison_rows(inertia: Inertia, vehicle: Vehicle | None) -> list[tuple[str
     rows = [("this flight", "–" if mass is None else number(mass, 3), "identified", _moments(identified))]
     if vehicle is not None and vehicle.inertia_kg_m2 is not None:
         given = np.diagonal(np.asarray(vehicle.inertia_kg_m2, dtype=np.float64))
-        rows.append(("given with --vehicle", rows[0][1], _agreement(inertia, given), _moments(given)))
+        # Say about which axes the given moments lie within the identified intervals.
+        low, high = np.diagonal(inertia.ci95_low), np.diagonal(inertia.ci95_high)
+        known = np.isfinite(low) & np.isfinite(high) & np.isfinite(given)
+        inside = known & (low <= given) & (given <= high)
+        texts = []
+        for words, chosen in (("within the interval", inside), ("outside the interval", known & ~inside)):
+            names = [name for name, yes in zip(("Ixx", "Iyy", "Izz"), chosen, strict=True) if yes]
+            if names:
+                texts.append(f"{', '.join(names)} {words}")
+        rows.append(
+            ("given with --vehicle", rows[0][1], ("; ".join(texts) or "not comparable"), _moments(given))
+        )
     for item in sorted(PUBLISHED, key=lambda item: _distance(identified, item)):
         moments = np.array(item.inertia_kg_m2)
         rows.append((item.name, number(item.mass_kg, 3), item.source, _moments(moments)))
@@ -46,16 +57,3 @@ def _distance(identified: FloatArray, item: PublishedVehicle) -> float:
     if not known.any():
         return 0.0
     return float(np.abs(np.mean(np.log(identified[known] / np.array(item.inertia_kg_m2)[known]))))
-
-
-def _agreement(inertia: Inertia, given: FloatArray) -> str:
-    """Say about which axes the given moments lie within the identified intervals."""
-    low, high = np.diagonal(inertia.ci95_low), np.diagonal(inertia.ci95_high)
-    known = np.isfinite(low) & np.isfinite(high) & np.isfinite(given)
-    inside = known & (low <= given) & (given <= high)
-    texts = []
-    for words, chosen in (("within the interval", inside), ("outside the interval", known & ~inside)):
-        names = [name for name, yes in zip(("Ixx", "Iyy", "Izz"), chosen, strict=True) if yes]
-        if names:
-            texts.append(f"{', '.join(names)} {words}")
-    return "; ".join(texts) or "not comparable"

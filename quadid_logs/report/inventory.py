@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from quadid_logs.autopilots import named
 from quadid_logs.counting import counted
 from quadid_logs.data.diagnosis import Finding
-from quadid_logs.data.flight import FlightData, SourceChoice
+from quadid_logs.data.flight import FlightData
 from quadid_logs.data.health import Health
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
@@ -103,7 +103,19 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
     yield Line("")
     yield Line(f"  {'signal':<21}{'true rate':>10}{'longest gap':>13}  source")
     for choice in data.sources.values():
-        yield from _signal_lines(choice)
+        # The source of one signal, why it was taken, and those not taken.
+        sampled = choice.rate_hz > 0.0
+        rate = f"{number(choice.rate_hz, 4)} Hz" if sampled else "events"
+        gap = (
+            f"{number(choice.longest_gap_s, 3)} s" if sampled and math.isfinite(choice.longest_gap_s) else "–"
+        )
+        yield Line(
+            f"  {printable(choice.signal, 20):<21}{rate:>10}{gap:>13}  {printable(choice.source, 80)}", 4
+        )
+        if choice.reason:
+            yield Line(f"    {printable(choice.reason, 240)}", 4)
+        for source, other_hz in choice.others[:4]:
+            yield Line(f"    not taken: {printable(source, 80)} at {number(other_hz, 4)} Hz", 4)
     for remark in log.remarks[:20]:
         yield Line(f"  Note: {printable(remark)}", 4)
 
@@ -155,18 +167,6 @@ def _facts(log: FlightLog, data: FlightData) -> tuple[tuple[str, str], ...]:
         ("systems", _systems(log)),
         ("messages", _types(log)),
     )
-
-
-def _signal_lines(choice: SourceChoice) -> Iterator[Line]:
-    """Yield the source of one signal, why it was taken, and those not taken."""
-    sampled = choice.rate_hz > 0.0
-    rate = f"{number(choice.rate_hz, 4)} Hz" if sampled else "events"
-    gap = f"{number(choice.longest_gap_s, 3)} s" if sampled and math.isfinite(choice.longest_gap_s) else "–"
-    yield Line(f"  {printable(choice.signal, 20):<21}{rate:>10}{gap:>13}  {printable(choice.source, 80)}", 4)
-    if choice.reason:
-        yield Line(f"    {printable(choice.reason, 240)}", 4)
-    for source, other_hz in choice.others[:4]:
-        yield Line(f"    not taken: {printable(source, 80)} at {number(other_hz, 4)} Hz", 4)
 
 
 def _systems(log: FlightLog) -> str:

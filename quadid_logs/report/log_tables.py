@@ -87,7 +87,7 @@ def _clock(data: FlightData) -> str:
     if not data.duration_s > 0.0:
         return "covers no time"
     resets = _counted(data.clock_resets, "reset", "resets") if data.clock_resets else "no resets"
-    return f"from {data.start_s:.1f} s for {seconds(data.duration_s)}; {resets}"
+    return f"{seconds(data.duration_s)}, from {data.start_s:.1f} s on the log's clock; {resets}"
 
 
 def _lost(log: FlightLog) -> str:

@@ -45,10 +45,16 @@ def loop_view(result: Result) -> LoopView:
     """
     loop = result.closed_loop
     if loop is None:
-        return LoopView(intro=f"{_why_none(result)} Nothing is said of the loop.", sentences=(), margins=None)
+        if result.identification.recommended is None:
+            why_none = "There is no model to close a loop around."
+        elif result.pooled:
+            why_none = "Several logs may have been flown with several controllers."
+        else:
+            why_none = "The controller that flew is not known."
+        return LoopView(intro=f"{why_none} The loop is not judged.", sentences=(), margins=None)
     if not loop.axes:
         text = "The log's parameters do not describe the controller, or it has parts that are not modelled."
-        return LoopView(intro=f"{text} Nothing is said of the loop.", sentences=(), margins=None)
+        return LoopView(intro=f"{text} The loop is not judged.", sentences=(), margins=None)
     return LoopView(
         intro=_intro(loop),
         sentences=(
@@ -76,14 +82,6 @@ def _own_units(loop: ClosedLoop) -> Iterator[str]:
         yield f"One {unit.name} turns {', '.join(told)}: the b0 of an ADRC, before its own scaling."
 
 
-def _why_none(result: Result) -> str:
-    if result.identification.recommended is None:
-        return "There is no model to close a loop around."
-    if result.pooled:
-        return "Several logs may have been flown with several controllers."
-    return "The controller that flew is not known."
-
-
 def _intro(loop: ClosedLoop) -> str:
     """Say which controller it is, and what is done with it."""
     controllers = loop.controllers
@@ -96,7 +94,7 @@ def _intro(loop: ClosedLoop) -> str:
     if controllers.version_read == "read":
         return text
     law = printable(controllers.version_note, 40)
-    return f"{text} The law is that of version {law}, the nearest that was read."
+    return f"{text} The control law of version {law} was used, the nearest that is known."
 
 
 def _sentence(axis: str, found: AxisLoop) -> str:
@@ -125,23 +123,21 @@ def _distance(margins: Margins) -> str:
     """Say how far a loop is from instability."""
     if not margins.stable:
         return (
-            "with the controller of the parameters, this model is unstable; one of the two is not what flew."
+            "the model with this controller is unstable although the vehicle flew: one of the two is wrong."
         )
     phase, gain, at = margins.phase_margin_deg, margins.gain_margin_db, margins.oscillation_hz
     far = [f"{number(phase.value, 2)} degrees" if phase is not None else ""]
     far.append(f"{number(gain.value, 2)} dB" if gain is not None else "")
-    text = f"{' and '.join(filter(None, far)) or 'nowhere near'} from instability"
+    text = f"{' and '.join(filter(None, far)) or 'far'} from instability"
     if gain is not None and at is not None:
-        text += f"; {_more(gain.value)} would oscillate at about {number(at.value, 2)} Hz"
+        # Say by how much the gain may grow, and what makes it grow by so little.
+        factor = 10.0 ** (gain.value / 20.0)
+        if factor >= _MANY_TIMES:
+            more = f"{number(factor, 2)} times the gain"
+        else:
+            more = f"a {number(100.0 * (factor - 1.0), 2)} % higher gain (lighter vehicle, fuller battery)"
+        text += f"; {more} would oscillate at about {number(at.value, 2)} Hz"
     return f"{text}{_at_least(margins) if margins.extrapolated else ''}."
-
-
-def _more(gain_db: float) -> str:
-    """Say by how much the gain may grow, and what makes it grow by so little."""
-    factor = 10.0 ** (gain_db / 20.0)
-    if factor >= _MANY_TIMES:
-        return f"{number(factor, 2)} times the gain"
-    return f"a {number(100.0 * (factor - 1.0), 2)} % higher gain (lighter vehicle, fuller battery)"
 
 
 def _at_least(margins: Margins) -> str:

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.data.model import Model, Parameter
+from quadid_logs.data.model import Parameter
 from quadid_logs.data.result import Result
 from quadid_logs.report.numbers import number
 from quadid_logs.report.verdict import input_unit, refused_names
@@ -39,9 +39,19 @@ def meaning_sentence(result: Result, axis: str) -> str:
     if model is None or gain is None:
         return ""
     if input_unit(result) == "N m":
-        return f"As a moment of inertia: {number(1e3 * _inertia(model, axis, gain), 3)} g m²."
-    wait_s = math.sqrt(2.0 * math.radians(_TURN_DEG) / (_COMMAND * gain.value)) + _late_s(model)
-    return f"A tenth of the {axis} command turns it by {_TURN_DEG:g} degrees in {number(wait_s, 2)} s."
+        # The moment of inertia [kg m^2], of the tensor where there is one.
+        if model.inertia is not None:
+            place = AXES.index(axis)
+            inertia = float(model.inertia.matrix[place, place])
+        else:
+            inertia = 1.0 / gain.value
+        return f"As a moment of inertia: {number(1e3 * inertia, 3)} g m²."
+    # How long the actuator takes [s].
+    known = () if model.actuator is None else (model.actuator.lag_s, model.actuator.delay_s)
+    wait_s = math.sqrt(2.0 * math.radians(_TURN_DEG) / (_COMMAND * gain.value)) + float(
+        np.sum([value for value in known if math.isfinite(value)])
+    )
+    return f"At 10 % {axis} command the vehicle turns by {_TURN_DEG:g} degrees in {number(wait_s, 2)} s."
 
 
 def _trusted(result: Result, axis: str) -> Parameter | None:
@@ -51,20 +61,6 @@ def _trusted(result: Result, axis: str) -> Parameter | None:
     if gain is None or axis in refused_names(result) or not gain.value > 0.0 or not math.isfinite(gain.value):
         return None
     return gain
-
-
-def _inertia(model: Model, axis: str, gain: Parameter) -> float:
-    """Return the moment of inertia [kg m^2], of the tensor where there is one."""
-    if model.inertia is not None:
-        place = AXES.index(axis)
-        return float(model.inertia.matrix[place, place])
-    return 1.0 / gain.value
-
-
-def _late_s(model: Model) -> float:
-    """Return how long the actuator takes [s]."""
-    known = () if model.actuator is None else (model.actuator.lag_s, model.actuator.delay_s)
-    return float(np.sum([value for value in known if math.isfinite(value)]))
 
 
 def beside_published(result: Result) -> str:

@@ -100,7 +100,11 @@ def model_bytes(result: Result, ending: str) -> bytes:
     if ending == ".py":
         return _python_control(result, model).encode()
     inertia = _trusted_inertia(result, model)
-    mass_kg = _mass_kg(result)
+    # The mass that the user or the calibration names, NaN if nobody does.
+    if result.vehicle is not None and result.vehicle.mass_kg is not None:
+        mass_kg = result.vehicle.mass_kg
+    else:
+        mass_kg = result.data.input.calibration.mass_kg if result.data.input is not None else math.nan
     return (_sdf(inertia, mass_kg) if ending == ".sdf" else sitl_frame(inertia, mass_kg)).encode()
 
 
@@ -247,13 +251,6 @@ def _trusted_inertia(result: Result, model: Model) -> FloatArray:
             hint="Give mass_kg, arm_length_m and torque_to_thrust_m with --vehicle FILE.toml.",
         )
     return np.asarray(np.nan_to_num(matrix), dtype=np.float64)
-
-
-def _mass_kg(result: Result) -> float:
-    """Return the mass that the user or the calibration names, NaN if nobody does."""
-    if result.vehicle is not None and result.vehicle.mass_kg is not None:
-        return result.vehicle.mass_kg
-    return result.data.input.calibration.mass_kg if result.data.input is not None else math.nan
 
 
 def _sdf(inertia: FloatArray, mass_kg: float) -> str:

@@ -52,7 +52,19 @@ def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
         caption = f"{_A_CAPTION} [rad/s² per unit of the regressor]"
         tables.append(_matrix(model, _columns(model, chosen), chosen, caption, refused))
     if model.inertia is not None:
-        tables.append(_inertia(model.inertia, refused_axes(result)))
+        # The inertia tensor with its intervals; what rests on a refused axis is grey.
+        distrusted = refused_axes(result)
+        names = ("x", "y", "z")
+        rows = tuple(
+            (
+                Cell(text=name, detail=_DISTRUSTED if distrusted[i] else ""),
+                *(_moment(model.inertia, i, j, weak=distrusted[i] or distrusted[j]) for j in range(3)),
+            )
+            for i, name in enumerate(names)
+        )
+        tables.append(
+            Table(caption="Inertia tensor about the centre of mass [kg m²]", head=("", *names), rows=rows)
+        )
     return tuple(tables)
 
 
@@ -130,7 +142,7 @@ def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) ->
     """Say what the regressors are, which entries are no results, and why."""
     words = "; ".join(filter(None, (_WORDS.get(name) for name in columns)))
     words = f"{words}." if words else ""
-    refused = f"Rows marked {_DISTRUSTED!r} belong to refused axes: they are no results."
+    refused = f"Rows marked {_DISTRUSTED!r} belong to refused axes: do not use them."
     trusted = (
         parameter
         for parameter in model.parameters
@@ -163,26 +175,13 @@ def _weak_note(parameters: Iterable[Parameter]) -> str:
     if not reasons:
         return ""
     why = "; ".join(f"{', '.join(names)}: {reason or 'not known'}" for reason, names in reasons.items())
-    return f"Grey: this flight does not identify the value; it is no property of the vehicle. {why}."
+    return f"Grey: values that this flight does not identify; do not use them. Reasons: {why}."
 
 
 def _moment(inertia: Inertia, i: int, j: int, *, weak: bool) -> Cell:
     """Return one entry of the tensor."""
     ends = float(inertia.ci95_low[i, j]), float(inertia.ci95_high[i, j])
     return Cell(text=resolved(float(inertia.matrix[i, j]), *ends), detail=interval(*ends), weak=weak)
-
-
-def _inertia(inertia: Inertia, distrusted: tuple[bool, ...]) -> Table:
-    """Return the inertia tensor with its intervals; what rests on a refused axis is grey."""
-    names = ("x", "y", "z")
-    rows = tuple(
-        (
-            Cell(text=name, detail=_DISTRUSTED if distrusted[i] else ""),
-            *(_moment(inertia, i, j, weak=distrusted[i] or distrusted[j]) for j in range(3)),
-        )
-        for i, name in enumerate(names)
-    )
-    return Table(caption="Inertia tensor about the centre of mass [kg m²]", head=("", *names), rows=rows)
 
 
 def _published(inertia: Inertia, result: Result) -> Table:

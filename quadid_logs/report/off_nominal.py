@@ -94,8 +94,9 @@ def off_nominal_note(tuning: Tuning) -> str:
     kinds = {one.condition.kind for found in tuning.axes.values() for one in found.off_nominal}
     without = "" if kinds.intersection(_BATTERIES) else " The log does not hold the battery's voltage."
     return (
-        "Each row changes one thing about this flight, which makes the vehicle turn that many times as much "
-        "per command. Margins include the angle loop where it is known. Small: the 95 % interval with the "
+        "Each row changes one condition of this flight. The factor says how much more the vehicle then "
+        "turns per command. Margins include the angle loop where it is known. Small: the 95 % interval "
+        "with the "
         "gains named last." + without
     )
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from quadid_logs.control.outer_findings import outermost
 from quadid_logs.data.closed_loop import Estimated, Margins
-from quadid_logs.data.outer_loops import CascadeReplay, OuterControllers, OuterLoop, OuterLoops, Shown
+from quadid_logs.data.outer_loops import CascadeReplay, OuterLoop, OuterLoops, Shown
 from quadid_logs.report.cells import Cell, Table, estimated_cell
 from quadid_logs.report.numbers import number
 
@@ -40,12 +40,16 @@ def outer_sentences(outer: OuterLoops | None) -> Iterator[str]:
 def _distance(margins: Margins) -> str:
     """Say how far a loop is from instability, and what delay it bears."""
     if not margins.stable:
-        return "with the controllers of the parameters, this model is unstable."
+        return "the model with these controllers is unstable."
     phase, gain, delay = margins.phase_margin_deg, margins.gain_margin_db, margins.delay_margin_s
     far = [f"{number(phase.value, 2)} degrees" if phase is not None else ""]
     far.append(f"{number(gain.value, 2)} dB" if gain is not None else "")
-    text = f"{' and '.join(filter(None, far)) or 'nowhere near'} from instability"
-    return text if delay is None else f"{text}; the loop bears a further delay of {number(delay.value, 2)} s."
+    text = f"{' and '.join(filter(None, far)) or 'far'} from instability"
+    return (
+        text
+        if delay is None
+        else f"{text}; the loop tolerates a further delay of {number(delay.value, 2)} s."
+    )
 
 
 def outer_tables(outer: OuterLoops | None) -> tuple[Table, ...]:
@@ -74,8 +78,10 @@ def _margins_table(outer: OuterLoops) -> Table | None:
         caption="Margins of velocity and position loops, cut at the acceleration set-point",
         head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [s]", "attitude [Hz]"),
         rows=tuple(rows),
-        note="Small: the 95 % interval by what is known of the vehicle. Wind, air drag and the estimator's "
-        "delay are no part of it; compare that delay with the one that the loop bears.",
+        note=(
+            "Small: the 95 % interval from what is known of the vehicle. It leaves out wind, air drag "
+            "and the estimator's delay; compare that delay with the one that the loop tolerates."
+        ),
     )
 
 
@@ -120,8 +126,10 @@ def _attitude_table(outer: OuterLoops) -> Table | None:
         caption="Attitude controller, replayed",
         head=("axis", "controller", "off by", "gain / parameter", "shaped target off by", "unshaped"),
         rows=tuple(rows),
-        note="Off by: rms of the difference over that of what was logged. The input shaper is replayed where "
-        "position control says what angle was wanted.",
+        note=(
+            "Off by: rms of the difference over the rms of the logged signal. The input shaper is "
+            "replayed only where position control commands the angle."
+        ),
     )
 
 
@@ -167,8 +175,12 @@ def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | 
     """
     if outer is None:
         return None
+    # The parameters of all outer controllers.
+    gains = dict(outer.controllers.attitude.gains)
+    for each in (outer.controllers.horizontal, outer.controllers.vertical):
+        gains |= {} if each is None else each.gains
     return {
-        "gains": _gains(outer.controllers),
+        "gains": gains,
         "attitude": {
             axis: {
                 "shown": found.shown.value,
@@ -196,14 +208,6 @@ def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | 
             for axis, found in outer.loops.items()
         },
     }
-
-
-def _gains(known: OuterControllers) -> dict[str, float]:
-    """Return the parameters of all outer controllers."""
-    gains = dict(known.attitude.gains)
-    for each in (known.horizontal, known.vertical):
-        gains |= {} if each is None else each.gains
-    return gains
 
 
 def _cascade(found: CascadeReplay) -> dict[str, Any]:

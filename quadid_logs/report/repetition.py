@@ -58,7 +58,7 @@ def headline(found: Repeatability) -> str:
         return f"the flights differ, and no single one is the outlier: {worst}"
     told = [each for each in found.quantities if each.kind == _FIRST]
     if not told:
-        return f"fewer than two of {flights} tell the effectiveness of an axis"
+        return f"fewer than two of {flights} identify the effectiveness of an axis"
     values = listed([f"{each.axis} {mean_words(each)}" for each in told])
     n = max(len(each.estimates) for each in told)
     of = "" if n == len(found.flights) else f" of {len(found.flights)}"
@@ -164,7 +164,7 @@ def _why_not(found: Repeatability, axis: str) -> str:
     if found.axes[axis] != "not comparable":
         return ""
     known = [place for place, each in enumerate(found.reasons) if axis not in each]
-    which = f"only {name_of(found, known[0])} tells it" if known else "no flight tells it"
+    which = f"only {name_of(found, known[0])} identifies it" if known else "no flight identifies it"
     first = next(((place, each[axis]) for place, each in enumerate(found.reasons) if axis in each), None)
     why = "" if first is None else f" ({name_of(found, first[0])}: {printable(first[1], 300)})"
     return f": {which}{why}"

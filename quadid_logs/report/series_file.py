@@ -172,17 +172,13 @@ def _write(table: dict[str, AnyArray], path: Path) -> None:
         savemat(path, {name: values[:, np.newaxis] for name, values in table.items()}, do_compression=True)
         return
     if path.suffix == ".csv":
-        _write_csv(table, path)
+        # Write the table with as many digits as bring every number back, block by block.
+        n_rows = len(next(iter(table.values())))
+        with path.open("w", encoding="utf-8", newline="\n") as file:
+            file.write(",".join(f'"{name}"' for name in table) + "\n")
+            for start in range(0, n_rows, _ROWS_AT_ONCE):
+                columns = [values[start : start + _ROWS_AT_ONCE].tolist() for values in table.values()]
+                file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*columns, strict=True))
         return
     pyarrow, parquet = load("pyarrow", "parquet"), load("pyarrow.parquet", "parquet")
     parquet.write_table(pyarrow.table(table), path)
-
-
-def _write_csv(table: dict[str, AnyArray], path: Path) -> None:
-    """Write the table with as many digits as bring every number back, block by block."""
-    n_rows = len(next(iter(table.values())))
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(",".join(f'"{name}"' for name in table) + "\n")
-        for start in range(0, n_rows, _ROWS_AT_ONCE):
-            columns = [values[start : start + _ROWS_AT_ONCE].tolist() for values in table.values()]
-            file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*columns, strict=True))

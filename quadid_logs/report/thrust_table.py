@@ -45,12 +45,12 @@ def thrust_table(curve: ThrustCurve) -> Table:
 
 def _sentence(curve: ThrustCurve) -> str:
     """Say what the expo is, and what the autopilot takes it for."""
-    unnamed = "what was assumed, as no parameter says it"
+    unnamed = "assumed, because no parameter gives it"
     name = printable(curve.parameter, 40) or (_BY_SPEED if curve.measured else unnamed)
     if not curve.identifiable:
         return (
             f"This flight does not identify the expo of the thrust curve: {printable(curve.reason)}. "
-            f"{number(curve.assumed, 2)} was used ({name}), and the intervals allow for an error of it."
+            f"{number(curve.assumed, 2)} was used ({name}), and the intervals allow for an error in it."
         )
     value = estimate(curve.expo, *curve.ci95)
     if curve.corrected:

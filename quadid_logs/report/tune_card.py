@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
@@ -50,7 +50,11 @@ def _card(result: Result, tuning: Tuning, axes: list[str], planned: Plan | None)
     steps = (
         "Choose calm air, a full battery, 10 m of room to all sides.",
         "Hover at 3 m for 20 s with small stick inputs, at once down again if it shakes or buzzes. Land.",
-        *(_advice(result.log, axes) if planned is None else planned.steps()),
+        *(
+            (advice_for(result.log.autopilot).excitation(axes, result.log.version),)
+            if planned is None
+            else planned.steps()
+        ),
         f"Take the log from the card, and run `{tune_again(result, tuning)}` on it. "
         f"{way_back(autopilot, tuning).sentence}",
     )
@@ -67,7 +71,3 @@ def _settings(log: FlightLog) -> Iterator[str]:
     if advice.before_setting:
         yield f"- {advice.before_setting}"
     yield f"- {advice.logging(log.format, log.parameters, log.version)}"
-
-
-def _advice(log: FlightLog, axes: Sequence[str]) -> tuple[str, ...]:
-    return (advice_for(log.autopilot).excitation(axes, log.version),)

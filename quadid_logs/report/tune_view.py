@@ -157,7 +157,9 @@ def _act(found: AxisTuning) -> str:
         case "raise" | "lower" as way:
             if found.reasons[0].code == "QL641":
                 return f"{way} {_counted(len(found.changes), 'gain')}"
-            ratio = _ratio(found)
+            # By what the common gain changes.
+            change = next(one for one in found.changed_gains.values() if one.now)
+            ratio = change.next / change.now
             return f"{way} the gains to {number(100.0 * ratio, 2 if ratio < 1.0 else 3)} %"
         case "reshape":
             gains = _counted(len(found.changed_gains), "gain")
@@ -168,12 +170,6 @@ def _act(found: AxisTuning) -> str:
 
 def _counted(number_of: int, noun: str) -> str:
     return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
-
-
-def _ratio(found: AxisTuning) -> float:
-    """Return by what the common gain changes."""
-    change = next(one for one in found.changed_gains.values() if one.now)
-    return change.next / change.now
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -231,13 +227,16 @@ def _axis(
     back: WayBack,
     forecast: AutotuneForecast | None,
 ) -> TuneAxisView:
+    # Say why: the decisive reason or every one of a refusal, and whether the next gains are there yet.
+    decisive = found.reasons if found.verdict == "refused" else found.reasons[:1]
+    told = " ".join(f"{one.title}." for one in decisive)
     return TuneAxisView(
         axis=axis,
         verdict=_WORDS[found.verdict],
         style=_STYLES[found.verdict],
         direction=found.direction,
         way_back=axis in back.axes,
-        sentence=_sentence(found, limits),
+        sentence=f"{told} {_progress(found, limits)}".strip() if found.verdict == "change" else told,
         gains=tuple(
             GainView(
                 name=name,
@@ -257,13 +256,6 @@ def _axis(
     )
 
 
-def _sentence(found: AxisTuning, limits: Limits) -> str:
-    """Say why: the decisive reason or every one of a refusal, and whether the next gains are there yet."""
-    decisive = found.reasons if found.verdict == "refused" else found.reasons[:1]
-    told = " ".join(f"{one.title}." for one in decisive)
-    return f"{told} {_progress(found, limits)}".strip() if found.verdict == "change" else told
-
-
 def _progress(found: AxisTuning, limits: Limits) -> str:
     """Say whether the promised margins are those to be kept, and how many flights are still to come."""
     units = {"gain_db": "{} dB", "phase_deg": "{} degrees", "disk": "a disk margin of {}"}
@@ -277,7 +269,7 @@ def _progress(found: AxisTuning, limits: Limits) -> str:
         )
     if any(one.code == "QL638" for one in found.reasons):
         after = f", also after {_more(found.more_flights)}" if found.more_flights else ""
-        return f"The gains come nearer to {short} and do not reach it{after}."
+        return f"The gains come closer to {short} but do not reach it{after}."
     if found.flights_to_limits:
         return f"Not there yet for {short}: expect {_more(found.flights_to_limits)}."
     return f"The next gains miss {short} by less than one flight can measure."
@@ -380,7 +372,8 @@ def _warning(axis: str, found: AxisTuning, back: WayBack) -> str:
     if found.verdict != "change" or found.now is None or found.next is None:
         return ""
     at = whole(found.next).oscillation_hz
-    near = "" if at is None else f" (near {_around(at)} Hz)"
+    # A frequency as a range that a pilot can tell.
+    near = "" if at is None else f" (near {_range(at.ci95)} Hz)"
     sign = f"Watch {axis} and listen to the motors. Land if {axis} shakes or the motors buzz{near}."
     if axis in back.axes:
         return f"{sign} Then {back.loaded(axis)}."
@@ -389,11 +382,6 @@ def _warning(axis: str, found: AxisTuning, back: WayBack) -> str:
         f"{sign} Do not load the flown gains of {axis} then: they have less margin ({flown}). Tune from the "
         "log of that flight."
     )
-
-
-def _around(at: Estimated) -> str:
-    """Return a frequency as a range that a pilot can tell."""
-    return _range(at.ci95)
 
 
 def _reason(result: Result, one: Finding) -> ReasonView:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from quadid_logs.data.result import Result
-from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.report.calibration_parts import calibration_half_width, flight_interval
 from quadid_logs.report.numbers import estimate, number, seconds
 from quadid_logs.report.words import pretty_unit
@@ -56,18 +55,19 @@ def flown_sentence(result: Result) -> str:
         return "nothing identified: the log has no time stamps"
     length = seconds(result.data.duration_s)
     if result.identification.recommended is not None:
-        return f"{seconds(result.data.used_s)} of {length} analyzed{_band_by_hand(result.settings.identify)}"
+        # Say between which edges the fit was made if a person set them.
+        settings = result.settings.identify
+        if not settings.smoothing_hz:
+            band_by_hand = ""
+        else:
+            band_by_hand = (
+                f" in the band from {settings.high_pass_hz:g} to {settings.smoothing_hz:g} Hz, set by hand"
+            )
+        return f"{seconds(result.data.used_s)} of {length} analyzed{band_by_hand}"
     if not result.data.flights:
         return f"no flight in {length} of log"
     flown_s = sum(end - start for start, end in result.data.flights)
     return f"{seconds(flown_s)} of flight in {length} of log, nothing identified"
-
-
-def _band_by_hand(settings: IdentifySettings) -> str:
-    """Say between which edges the fit was made if a person set them."""
-    if not settings.smoothing_hz:
-        return ""
-    return f" in the band from {settings.high_pass_hz:g} to {settings.smoothing_hz:g} Hz, set by hand"
 
 
 def effect_sentence(result: Result, axis: str) -> str:
@@ -84,4 +84,4 @@ def effect_sentence(result: Result, axis: str) -> str:
     low, high = flight_interval(gain, result.data.input)
     both = 0.5 * (high - low), spread
     flight, calibration = (number(100.0 * half / abs(gain.value), 2) for half in both)
-    return f"{effect} (the flight leaves {flight} %, the calibration to N m {calibration} %)"
+    return f"{effect} (uncertain by {flight} % from the flight, {calibration} % from the calibration to N m)"

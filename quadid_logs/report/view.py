@@ -236,26 +236,28 @@ def _validation_sentence(model: Model | None, spectral: Sequence[SpectralFit] = 
         return "No data could be kept for validation, so the model is not validated."
     # What the verdict asks too: each axis by itself, so that none pays for another that is refused.
     r2 = values_of(model.validation.r2_high_passed_rate, RATE_SYMBOLS)
+    by_commands = {axis: fit.r2_commanded for axis, fit in zip(AXES, spectral, strict=False) if fit.used}
     # Below zero it is worse than no model at all, and by how much tells nobody anything.
     told = [
         f"{percent(value)} of {axis}" if value > 0.0 else f"nothing of {axis}"
         for axis, value in zip(AXES, r2, strict=True)
+        if axis not in by_commands
     ]
-    commanded = [
-        f"{percent(fit.r2_commanded)} of {axis}"
-        for axis, fit in zip(AXES, spectral, strict=False)
-        if fit.used
-    ]
+    simulated = (
+        f"{seconds(model.validation.held_out_s)} of the flight were kept from the fit. There, in the fitted "
+        f"band, the rates simulated from the torque explain {listed(told)}."
+        if told
+        else ""
+    )
+    # What wind did cannot be simulated: there, only what was commanded tells how good a model is.
+    commanded = [f"{percent(value)} of {axis}" for axis, value in by_commands.items()]
     of_commands = (
-        " Air or an effect moved the vehicle as well. Of the acceleration that was commanded, the model "
-        f"explains {listed(commanded)}."
+        f"Wind or another effect moved the vehicle as well as its commands. Of the acceleration that was "
+        f"commanded, the model explains {listed(commanded)}."
         if commanded
         else ""
     )
-    return (
-        f"{seconds(model.validation.held_out_s)} of the flight were kept from the fit. There, in the fitted "
-        f"band, the rates simulated from the torque explain {told[0]}, {told[1]} and {told[2]}.{of_commands}"
-    )
+    return f"{simulated} {of_commands}".strip()
 
 
 def by_consequence(result: Result) -> tuple[Finding, ...]:

@@ -47,6 +47,8 @@ _PHRASES: Final[Mapping[str, str]] = MappingProxyType(
         "known_to": "measured up to",
         "mean_rate": "mean rate with all gaps",
         "needed": "needed at least",
+        "power_over_surroundings": "power, times that of the frequencies around",
+        "probability_of_none": "probability that it is chance",
         "needed_r2": "fraction needed (R²)",
         "rate": "logged at",
         "rate_rms": "motion (rate RMS)",
@@ -93,7 +95,11 @@ def evidence_text(key: str, value: object) -> str:
     --------
     >>> evidence_text("fraction_of_flight", {"roll": 0.0013}), evidence_text("gaps", 3)
     ('roll: 0.13 %', '3')
+    >>> evidence_text("probability_of_none", 0.0)
+    'below 1e-15'
     """
+    if key.startswith("probability_") and value == 0.0:
+        return "below 1e-15"  # less than a float tells from none
     if not key.startswith("fraction_"):
         return evidence_value(value)
     if isinstance(value, Mapping):

@@ -76,7 +76,16 @@ class ServeStore:
         OutputError
             If it is something else's, or cannot be written.
         """
-        _check_ours(folder)
+        # Refuse a folder that holds something else: parts of it would be deleted.
+        check_no_link(folder)
+        if folder.exists() and not folder.is_dir():
+            raise OutputError(f"{printable(folder)} is a file.", hint="Choose another --store.")
+        if folder.is_dir() and any(folder.iterdir()) and not (folder / DATABASE).is_file():
+            names = {path.name for path in folder.iterdir()}
+            if not names <= {"serve.lock", UPLOADS, LOGS, WORK, RESULTS}:  # killed at its very first start
+                raise OutputError(
+                    f"{printable(folder)} exists and is no store of a server.", hint="Choose another --store."
+                )
         self.folder = folder
         make_folder(folder)
         with _writing(folder):
@@ -287,19 +296,6 @@ def _resumed(entry: Entry) -> Entry:
         return replace(entry, state=State.QUEUED)
     reason = f"The server ended {entry.n_begun} times while this was being done."
     return replace(entry, state=State.FAILED, error=reason)
-
-
-def _check_ours(folder: Path) -> None:
-    """Refuse a folder that holds something else: parts of it would be deleted."""
-    check_no_link(folder)
-    if folder.exists() and not folder.is_dir():
-        raise OutputError(f"{printable(folder)} is a file.", hint="Choose another --store.")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / DATABASE).is_file():
-        names = {path.name for path in folder.iterdir()}
-        if not names <= {"serve.lock", UPLOADS, LOGS, WORK, RESULTS}:  # killed at its very first start
-            raise OutputError(
-                f"{printable(folder)} exists and is no store of a server.", hint="Choose another --store."
-            )
 
 
 def _encoded(value: Any) -> Any:

@@ -122,7 +122,13 @@ def serve_jobs(connection: Connection, most_bytes: int) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the server, and that ends us
     begin(most_bytes)
-    _load()
+    # Import what every job needs, while nobody waits for it yet.
+    import quadid_logs.fleet.rows
+    import quadid_logs.pipeline
+    import quadid_logs.report.folder
+    import quadid_logs.report.html
+    import quadid_logs.report.view  # noqa: F401
+
     while True:
         try:
             job: Job = connection.recv()
@@ -131,15 +137,6 @@ def serve_jobs(connection: Connection, most_bytes: int) -> None:
         tempfile.tempdir = job.folder
         answer = _answer(job, lambda stage, summary: connection.send((stage, summary)))
         connection.send(answer)
-
-
-def _load() -> None:
-    """Import what every job needs, while nobody waits for it yet."""
-    import quadid_logs.fleet.rows
-    import quadid_logs.pipeline
-    import quadid_logs.report.folder
-    import quadid_logs.report.html
-    import quadid_logs.report.view  # noqa: F401
 
 
 def _answer(job: Job, tell: Tell) -> Done | JobError:

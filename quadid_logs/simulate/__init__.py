@@ -186,9 +186,18 @@ def plan_flights(
     SimulationError
         If duration, rate or vehicle cannot be flown.
     """
-    each_s = _flight_s(scenario, duration_s)
+    # The duration of each flight of a scenario [s].
+    each_s = duration_s / scenario.n_flights
+    if not (each_s >= _MIN_FLIGHT_S and duration_s <= _MAX_DURATION_S):
+        raise SimulationError(
+            f"A duration of {duration_s:g} s cannot be flown.",
+            hint=f"Give {_MIN_FLIGHT_S * scenario.n_flights:g} to {_MAX_DURATION_S:g} s.",
+        )
     airframe = scenario.airframe() if vehicle is None else adapted(scenario.airframe(), vehicle)
-    loop_hz, schedule = _loop_rate(rate_hz), _schedule(each_s)
+    # Control rate: a whole multiple of the logging rate, about 400 Hz.
+    if not 1.0 <= rate_hz <= 2000.0:
+        raise SimulationError(f"A rate of {rate_hz:g} Hz cannot be logged.", hint="Give 1 to 2000 Hz.")
+    loop_hz, schedule = (rate_hz * max(round(400.0 / rate_hz), 1)), _schedule(each_s)
     length = round(schedule.land_s * loop_hz) - round(schedule.manoeuvre_s * loop_hz)
     setups = []
     for flight in range(scenario.n_flights):
@@ -210,24 +219,6 @@ def plan_flights(
             )
         )
     return tuple(setups)
-
-
-def _flight_s(scenario: Scenario, duration_s: float) -> float:
-    """Return the duration of each flight of a scenario [s]."""
-    each_s = duration_s / scenario.n_flights
-    if not (each_s >= _MIN_FLIGHT_S and duration_s <= _MAX_DURATION_S):
-        raise SimulationError(
-            f"A duration of {duration_s:g} s cannot be flown.",
-            hint=f"Give {_MIN_FLIGHT_S * scenario.n_flights:g} to {_MAX_DURATION_S:g} s.",
-        )
-    return each_s
-
-
-def _loop_rate(rate_hz: float) -> float:
-    """Control rate: a whole multiple of the logging rate, about 400 Hz."""
-    if not 1.0 <= rate_hz <= 2000.0:
-        raise SimulationError(f"A rate of {rate_hz:g} Hz cannot be logged.", hint="Give 1 to 2000 Hz.")
-    return rate_hz * max(round(400.0 / rate_hz), 1)
 
 
 def _schedule(duration_s: float) -> Schedule:

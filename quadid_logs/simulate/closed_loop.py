@@ -811,7 +811,13 @@ def _inputs(setups: tuple[Setup, ...]) -> Iterator[tuple[bool, PlanRow, Triple, 
     first = setups[0]
     time_s, phases = _times(first), first.schedule
     active = (time_s >= phases.take_off_s) & (time_s < phases.disarm_s)
-    height = _height(time_s, phases)
+    # Commanded height: climb, hold, come down, and press on below the ground until disarmed.
+    climb_end = 0.5 * (phases.take_off_s + phases.manoeuvre_s)
+    height = np.interp(
+        time_s,
+        [phases.take_off_s, climb_end, phases.land_s, phases.touch_down_s, phases.disarm_s],
+        [0.0, phases.height_m, phases.height_m, 0.0, -3.0],
+    )
     rows = zip(
         active.tolist(),
         height.tolist(),
@@ -837,16 +843,6 @@ def _rows(setups: tuple[Setup, ...], series: Callable[[Setup], FloatArray]) -> A
     for flight, setup in enumerate(setups):
         rows[..., flight] = series(setup)
     return rows
-
-
-def _height(time_s: FloatArray, phases: Schedule) -> FloatArray:
-    """Commanded height: climb, hold, come down, and press on below the ground until disarmed."""
-    climb_end = 0.5 * (phases.take_off_s + phases.manoeuvre_s)
-    return np.interp(
-        time_s,
-        [phases.take_off_s, climb_end, phases.land_s, phases.touch_down_s, phases.disarm_s],
-        [0.0, phases.height_m, phases.height_m, 0.0, -3.0],
-    )
 
 
 def _plan(setup: Setup) -> tuple[FloatArray, FloatArray, FloatArray]:

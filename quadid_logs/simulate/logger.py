@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.log import (
     NO_GYRO_FILTER,
     POSITION_VALUES,
@@ -321,13 +321,11 @@ def _pulse_width(record: Record, index: IntArray) -> FloatArray:
     time = record.time_s[index]
     spinning = (time >= setup.schedule.take_off_s) & (time < setup.schedule.disarm_s)
     pwm = np.where(spinning[:, np.newaxis], low + (high - low) * record.channels["actuator"][index], idle)
-    pulses = np.where(_armed(setup, time)[:, np.newaxis], pwm, 1000.0)
+    # Say when the motors are armed: from arming to disarming.
+    pulses = np.where(
+        ((time >= setup.schedule.arm_s) & (time < setup.schedule.disarm_s))[:, np.newaxis], pwm, 1000.0
+    )
     return np.asarray(np.round(pulses), dtype=np.float64)
-
-
-def _armed(setup: Setup, time_s: FloatArray) -> BoolArray:
-    """Say when the motors are armed: from arming to disarming."""
-    return (time_s >= setup.schedule.arm_s) & (time_s < setup.schedule.disarm_s)
 
 
 def _events(records: tuple[Record, ...], offsets: FloatArray, logging: Logging) -> list[_MessageRows]:

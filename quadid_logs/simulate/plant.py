@@ -91,11 +91,29 @@ def advance(state: State, targets: Rotors, wind: Triple, body: Body, external: E
     moment = _plus(moment, external.torque)
     middle_speeds, speeds = _spin(state.speeds, targets, body)
     middle, end = _wrench(middle_speeds, body), _wrench(speeds, body)
-    moment = _plus(moment, _rotor_moment(state, speeds, body))
+    # The moment of the rotors' angular momentum h along -z, -h' - w x h [N m], over one period. What rotors
+    # take up of angular momentum, the vehicle loses: one that speeds up turns it against its spin.
+    inertias = body.rotor_inertia or (0.0,) * len(speeds)
+    taken = momentum = 0.0
+    for before, speed, inertia in zip(state.speeds, speeds, inertias, strict=True):
+        taken = taken + inertia * (speed - before)
+        momentum = momentum + inertia * speed
+    p, q, _ = state.rate
+    moment = _plus(moment, (q * momentum, -p * momentum, taken / body.step_s))
     torques = (_plus(state.wrench.torque, moment), _plus(middle.torque, moment), _plus(end.torque, moment))
     rate, stages = step_rates(state.rate, torques, body.step_s, body.inertia, body.damping)
     attitude = step_attitude(state.attitude, stages, body.step_s)
-    acceleration = _earth_acceleration(attitude, end.thrust, drag, body.mass)
+    # Newton's law in NED, gravity included [m/s^2].
+    w, x, y, z = attitude
+    fx, fy, fz = drag
+    fx, fy, fz = fx / body.mass, fy / body.mass, (fz - end.thrust) / body.mass
+    acceleration = (
+        (1.0 - 2.0 * (y * y + z * z)) * fx + 2.0 * ((x * y - w * z) * fy + (x * z + w * y) * fz),
+        (1.0 - 2.0 * (x * x + z * z)) * fy + 2.0 * ((x * y + w * z) * fx + (y * z - w * x) * fz),
+        (1.0 - 2.0 * (x * x + y * y)) * fz
+        + 2.0 * ((x * z - w * y) * fx + (y * z + w * x) * fy)
+        + GRAVITY_M_S2,
+    )
     north, east, down = external.force
     acceleration = _plus(acceleration, (north / body.mass, east / body.mass, down / body.mass))
     free = 1.0 - 1.0 * ((state.height <= 0.0) & (acceleration[2] >= 0.0))
@@ -120,20 +138,6 @@ def _spin(speeds: Rotors, targets: Rotors, body: Body) -> tuple[Rotors, Rotors]:
         middle.append(target + gap * (up_half + (down_half - up_half) * falling))
         end.append(target + gap * (up + (down - up) * falling))
     return tuple(middle), tuple(end)
-
-
-def _rotor_moment(state: State, speeds: Rotors, body: Body) -> Triple:
-    """Return the moment of the rotors' angular momentum h along -z, -h' - w x h [N m], over one period.
-
-    What rotors take up of angular momentum, the vehicle loses: one that speeds up turns it against its spin.
-    """
-    inertias = body.rotor_inertia or (0.0,) * len(speeds)
-    taken = momentum = 0.0
-    for before, speed, inertia in zip(state.speeds, speeds, inertias, strict=True):
-        taken = taken + inertia * (speed - before)
-        momentum = momentum + inertia * speed
-    p, q, _ = state.rate
-    return q * momentum, -p * momentum, taken / body.step_s
 
 
 def _wrench(speeds: Rotors, body: Body) -> Wrench:
@@ -161,20 +165,6 @@ def _drag(state: State, wind: Triple, body: Body) -> tuple[Triple, Triple]:
     gain = -body.drag - 0.6125 * body.drag_area * (u * u + v * v + s * s) ** 0.5
     force = (gain * u, gain * v, gain * s)
     return force, (body.drag_height * force[1], -body.drag_height * force[0], 0.0)
-
-
-def _earth_acceleration(attitude: Quadruple, thrust: Component, drag: Triple, mass: Component) -> Triple:
-    """Newton's law in NED, gravity included [m/s^2]."""
-    w, x, y, z = attitude
-    fx, fy, fz = drag
-    fx, fy, fz = fx / mass, fy / mass, (fz - thrust) / mass
-    return (
-        (1.0 - 2.0 * (y * y + z * z)) * fx + 2.0 * ((x * y - w * z) * fy + (x * z + w * y) * fz),
-        (1.0 - 2.0 * (x * x + z * z)) * fy + 2.0 * ((x * y + w * z) * fx + (y * z - w * x) * fz),
-        (1.0 - 2.0 * (x * x + y * y)) * fz
-        + 2.0 * ((x * z - w * y) * fx + (y * z + w * x) * fy)
-        + GRAVITY_M_S2,
-    )
 
 
 def _settled(

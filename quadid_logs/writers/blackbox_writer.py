@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from typing import BinaryIO, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.autopilots.betaflight.signals import STICK, TO_FRD
@@ -234,12 +233,8 @@ def _frames(rows: IntArray) -> bytes:
     content[start] = np.where(complete, ord("I"), ord("P"))
     at = start[:, None] + 1 + np.cumsum(size, axis=1) - size
     for k in range(5):
-        _put(content, number, size, at, k)
+        # Write the `k`-th byte of numbers of variable length: seven bits, the highest says that more follow.
+        has = size > k
+        seven_bits = (number[has] >> 7 * k) & 127
+        content[at[has] + k] = seven_bits | np.where(size[has] > k + 1, 128, 0)
     return content.tobytes()
-
-
-def _put(content: NDArray[np.uint8], number: IntArray, size: IntArray, at: IntArray, k: int) -> None:
-    """Write the `k`-th byte of numbers of variable length: seven bits, the highest says that more follow."""
-    has = size > k
-    seven_bits = (number[has] >> 7 * k) & 127
-    content[at[has] + k] = seven_bits | np.where(size[has] > k + 1, 128, 0)

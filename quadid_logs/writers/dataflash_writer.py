@@ -101,7 +101,14 @@ def write_dataflash(log: FlightLog, file: BinaryIO) -> None:
         *_events(log, clock),
     ]
     start_us = min((int(stream.key_us[0]) for stream in streams if stream.key_us.size), default=0)
-    _write_header(file, log, start_us)
+    # Write what ArduPilot puts in front: definitions, version, parameters.
+    moment = np.array([start_us], dtype=np.int64)
+    stamps = Stamps(time_us=moment, key_us=moment)
+    held_back = {*(() if log.candidates("gyro_samples") else BATCHES)}
+    held_back |= set() if log.position_control else set(POSITIONS.values())
+    names = [name for name in MESSAGES if name not in held_back]
+    for name, fields in chain(_definitions(names), _settings(log)):
+        file.write(_records(name, stamps, fields).encode(0, 1).tobytes())
     write_merged(file, streams)
 
 
@@ -161,7 +168,9 @@ def _imu(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
     for instance, rate in enumerate(rates):
         stamps = clock.of(rate)
         force = held_at(clock, forces[instance] if instance < len(forces) else None, stamps.key_us, 3)
-        hertz = _mean_rate_hz(stamps)
+        # Rows per second, 0 for a single row.
+        span_us = int(stamps.key_us[-1] - stamps.key_us[0]) if stamps.key_us.size else 0
+        hertz = (stamps.key_us.size - 1) * 1e6 / span_us if span_us else 0.0
         fields = _vector("Gyr", rate.values) | _vector("Acc", force)
         state = {"I": instance, "T": math.nan, "GH": 1, "AH": 1, "GHz": hertz, "AHz": hertz}
         yield _records("IMU", stamps, fields | state)
@@ -211,12 +220,6 @@ def _batches(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
     axes = {axis: Column(values=values[:, :, n], scale=GYRO_MUL) for n, axis in enumerate("xyz")}
     numbered: dict[str, Field] = {"N": numbers[:, 0], "seqno": numbers[:, 1]}
     yield _records("ISBD", Stamps(time_us=moments, key_us=moments), numbered | axes)
-
-
-def _mean_rate_hz(stamps: Stamps) -> float:
-    """Return rows per second, 0 for a single row."""
-    span_us = int(stamps.key_us[-1] - stamps.key_us[0]) if stamps.key_us.size else 0
-    return (stamps.key_us.size - 1) * 1e6 / span_us if span_us else 0.0
 
 
 def _attitude(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
@@ -370,17 +373,6 @@ def _switches(
 def firmware_line(log: FlightLog) -> str:
     """Return the version as ArduPilot announces it, the default where the log is another firmware's."""
     return log.firmware if re.match(r"Ardu[A-Z]\w+ V\d+\.\d+", log.firmware) else DEFAULT_FIRMWARE
-
-
-def _write_header(file: BinaryIO, log: FlightLog, start_us: int) -> None:
-    """Write what ArduPilot puts in front: definitions, version, parameters."""
-    moment = np.array([start_us], dtype=np.int64)
-    stamps = Stamps(time_us=moment, key_us=moment)
-    held_back = {*(() if log.candidates("gyro_samples") else BATCHES)}
-    held_back |= set() if log.position_control else set(POSITIONS.values())
-    names = [name for name in MESSAGES if name not in held_back]
-    for name, fields in chain(_definitions(names), _settings(log)):
-        file.write(_records(name, stamps, fields).encode(0, 1).tobytes())
 
 
 def _definitions(names: Sequence[str]) -> Iterator[tuple[str, dict[str, Field]]]:

@@ -102,19 +102,15 @@ def write_merged(file: BinaryIO, streams: Sequence[Records]) -> None:
     if not filled:
         return
     starts = [0] * len(filled)
-    for stops in _block_ends(filled):
-        _write_block(file, filled, starts, stops)
-        starts = stops
-
-
-def _block_ends(streams: Sequence[Records]) -> list[list[int]]:
-    """Cut all messages at common keys into blocks of about `BLOCK_ROWS` rows."""
-    n_rows = sum(stream.key_us.size for stream in streams)
-    longest = max((stream.key_us for stream in streams), key=len)
+    # Cut all messages at common keys into blocks of about `BLOCK_ROWS` rows.
+    n_rows = sum(stream.key_us.size for stream in filled)
+    longest = max((stream.key_us for stream in filled), key=len)
     cut_rows = np.linspace(0, longest.size, n_rows // BLOCK_ROWS + 2)[1:-1].astype(np.int64)
     cuts = np.unique(longest[cut_rows])
-    ends = np.stack([np.searchsorted(stream.key_us, cuts) for stream in streams], axis=-1)
-    return [*ends.tolist(), [stream.key_us.size for stream in streams]]
+    ends = np.stack([np.searchsorted(stream.key_us, cuts) for stream in filled], axis=-1)
+    for stops in [*ends.tolist(), [stream.key_us.size for stream in filled]]:
+        _write_block(file, filled, starts, stops)
+        starts = stops
 
 
 def _write_block(

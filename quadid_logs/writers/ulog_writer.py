@@ -107,15 +107,11 @@ def _message(kind: str, content: bytes) -> bytes:
     return struct.pack("<HB", len(content), ord(kind)) + content
 
 
-def _record_type(row: np.dtype[np.void]) -> np.dtype[np.void]:
-    """Return a data message's packed row, its header included."""
-    return np.dtype([("size", "<u2"), ("kind", "u1"), ("number", "<u2"), ("row", row)])
-
-
 def _records(number: int, name: str, _instance: int, stamps: Stamps, fields: Mapping[str, Field]) -> Records:
     """Make the data messages of a topic."""
     row = row_type(name)
-    dtype = _record_type(row)
+    # A data message's packed row, its header included.
+    dtype = np.dtype([("size", "<u2"), ("kind", "u1"), ("number", "<u2"), ("row", row)])
     latency_us = LATENCY_US.get(name, 0)
     every_row: dict[str, Field] = {
         "size": dtype.itemsize - 3,
@@ -145,7 +141,16 @@ def _rates(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
     """Measured and wanted body rates, torque and thrust set-points."""
     rate = controller_rate(log)
     if rate is not None and rate.n_samples:
-        fields: dict[str, Field] = {"xyz": rate.values, "xyz_derivative": _acceleration(log, rate)}
+        # What the rate controller's D acts on, NaN where it is not known in the rate's rows.
+        columns = [
+            terms.values["derivative"]
+            for terms in log.controller_terms
+            if "derivative" in terms.values and terms.rows.n_samples == rate.n_samples
+        ]
+        fields: dict[str, Field] = {
+            "xyz": rate.values,
+            "xyz_derivative": (np.column_stack(columns) if len(columns) == len(AXES) else math.nan),
+        }
         yield "vehicle_angular_velocity", 0, clock.of(rate), fields
     wanted, throttle = first(log, "body_rate_setpoint"), first(log, "throttle")
     if wanted is not None:
@@ -169,16 +174,6 @@ def _rates(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
             "thrust_setpoint_achieved": 1,
         }
         yield "control_allocator_status", 0, clock.of(unallocated), fields
-
-
-def _acceleration(log: FlightLog, rate: Signal) -> AnyArray | float:
-    """Return what the rate controller's D acts on, NaN where it is not known in the rate's rows."""
-    columns = [
-        terms.values["derivative"]
-        for terms in log.controller_terms
-        if "derivative" in terms.values and terms.rows.n_samples == rate.n_samples
-    ]
-    return np.column_stack(columns) if len(columns) == len(AXES) else math.nan
 
 
 def _actuators(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
@@ -216,13 +211,10 @@ def _esc_status(stamps: Stamps, speed: Signal) -> tuple[Stamps, dict[str, Field]
         "esc.esc_rpm": Column(values=_padded(speed.values, ESCS, fill=0.0), scale=RPM),
         "esc.actuator_function": (FUNCTION_MOTOR1 + np.arange(ESCS)) * used,
     }
-    return stamps, _every_row(fields, "esc.actuator_function", stamps.time_us.size)
-
-
-def _every_row(fields: dict[str, Field], name: str, n_rows: int) -> dict[str, Field]:
-    """Repeat an array that is the same in every row, without copying it."""
+    # Repeat an array that is the same in every row, without copying it.
+    name = "esc.actuator_function"
     row: AnyArray = np.asarray(fields[name])
-    return fields | {name: np.broadcast_to(row, (n_rows, *row.shape))}
+    return stamps, (fields | {name: np.broadcast_to(row, (stamps.time_us.size, *row.shape))})
 
 
 def _fifos(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
@@ -415,18 +407,14 @@ def _syncs(start_us: int, end_us: int) -> Records:
     return Records(dtype=dtype, key_us=key_us, fields={"size": len(SYNC), "kind": ord("S"), "magic": magic})
 
 
-def _held_back(log: FlightLog) -> set[str]:
-    """Return the topics that are defined only where the log holds them."""
-    found = set() if log.candidates("gyro_samples") else {FIFO}
-    found |= set() if log.candidates("attitude_setpoint") else {ATTITUDE_SETPOINT}
-    return found | (set() if log.position_control else {*POSITIONS})
-
-
 def _write_definitions(file: BinaryIO, log: FlightLog) -> None:
     """Write flag bits, formats, information and parameters."""
     file.write(_message("B", bytes(40)))
     for name, fields in TOPICS.items():
-        if name in _held_back(log):
+        # The topics that are defined only where the log holds them.
+        found = set() if log.candidates("gyro_samples") else {FIFO}
+        found |= set() if log.candidates("attitude_setpoint") else {ATTITUDE_SETPOINT}
+        if name in (found | (set() if log.position_control else {*POSITIONS})):
             continue
         file.write(_message("F", f"{name}:{fields}".encode()))
     is_px4 = log.firmware.upper().startswith("PX4")

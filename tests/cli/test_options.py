@@ -6,6 +6,7 @@ import json
 import shutil
 import webbrowser
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -86,7 +87,7 @@ def of_roll_result(of_roll: Path) -> Result:
     return pipeline.analyze(of_roll)
 
 
-@pytest.mark.parametrize(("axes", "code"), [("roll", 0), ("", 1), ("roll,pitch", 1), ("yaw", 1)])
+@pytest.mark.parametrize(("axes", "code"), [("roll", 0), ("", 0), ("roll,pitch", 1), ("yaw", 1)])
 def test_the_exit_code_is_that_of_the_axes_that_the_flight_was_for(
     axes: str, code: int, analyzed_once: Path, tmp_path: Path
 ) -> None:
@@ -105,10 +106,37 @@ def test_an_axis_that_was_not_asked_for_is_no_problem_to_a_quiet_run(
     assert written["axes"]["pitch"]["verdict"] == "refused"
 
 
+@pytest.mark.parametrize(("swept", "code"), [(("roll",), 0), (("roll", "pitch"), 1), ((), 1)])
+def test_a_log_that_names_the_axes_it_swept_is_judged_on_these(
+    swept: tuple[str, ...], code: int, of_roll: Path, of_roll_result: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A System ID flight of roll says nothing of pitch, and was never meant to."""
+    result = replace(of_roll_result, log=replace(of_roll_result.log, swept_axes=swept))
+    monkeypatch.setattr(pipeline, "analyze", lambda *_given, **_named: result)
+    assert main(["analyze", str(of_roll), "--json", "--no-report", "-q"]) == code
+
+
+def test_the_terminal_says_on_which_axes_a_sweep_is_judged(
+    of_roll: Path,
+    of_roll_result: Result,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Or an exit code of 0 beside a refused axis looks like a mistake."""
+    result = replace(of_roll_result, log=replace(of_roll_result.log, swept_axes=("roll",)))
+    monkeypatch.setattr(pipeline, "analyze", lambda *_given, **_named: result)
+    main(["analyze", str(of_roll), "-o", str(tmp_path), "--no-report"])
+    told = "The flight swept roll: the exit code judges no other axis. --axes chooses others."
+    assert told in capsys.readouterr().out
+    main(["analyze", str(of_roll), "-o", str(tmp_path), "--no-report", "--force", "--axes", "roll"])
+    assert told not in capsys.readouterr().out
+
+
 def test_axes_are_named_between_commas_in_any_order() -> None:
-    """All of them where none is named."""
+    """None where none is named: then the log says which, or all count."""
     assert axes_of("yaw, Roll") == ("roll", "yaw")
-    assert axes_of("") == ("roll", "pitch", "yaw")
+    assert axes_of("") == ()
 
 
 @pytest.mark.parametrize("text", ["heave", "roll,", "roll;pitch", "\x1b[31m"])

@@ -11,7 +11,9 @@ from quadid_logs.align import cut
 from quadid_logs.data.health import Health
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.health import health_of
+from quadid_logs.health.rotors import _axes_change
 from quadid_logs.load import prepare
+from quadid_logs.maths.self_normalised import Change, Difference
 from quadid_logs.simulate import fly, plan_flights
 from quadid_logs.simulate.effects import Effects
 from quadid_logs.simulate.logger import Logging, log_flights
@@ -54,6 +56,8 @@ def test_a_motor_that_loses_a_fifth_of_its_thrust_in_flight_is_named(autopilot: 
     assert lost == pytest.approx(0.2, abs=0.04)
     assert health.rotors is not None
     assert health.rotors.level == "high"
+    # Each of four rotors makes a quarter of every torque.
+    assert [one.value for one in health.rotors.axes_change] == pytest.approx([0.95] * 3, abs=0.01)
 
 
 def test_a_motor_that_is_weak_from_the_beginning_is_named() -> None:
@@ -105,6 +109,7 @@ def test_a_flight_without_a_fault_shows_none(scenario: str) -> None:
     health = flown(scenario, "px4", seed=4)
     assert health.rotors is not None
     assert health.rotors.faults == ()
+    assert health.rotors.axes_change == ()
     assert len(health.rotors.searched) == 5
     assert all(
         change is None or change.ci95[0] <= 1.0 <= change.ci95[1]  # type: ignore[index]
@@ -135,3 +140,18 @@ def test_a_fault_leaves_its_truth() -> None:
         "desync_at": 0.5,
     }
     assert np.isclose(SCENARIOS["mass-off-centre"].effects.mass_offset[0], 0.03)
+
+
+def test_a_rotor_counts_for_an_axis_by_its_arm_squared() -> None:
+    """A hexacopter: the rotor on the right has a third of roll's torque (sin^2 over 3), none of pitch's."""
+    angle = np.radians([90.0, -90.0, -30.0, 150.0, 30.0, -150.0])
+    place = np.column_stack([np.cos(angle), np.sin(angle), [-1.0, 1.0, -1.0, 1.0, 1.0, -1.0]])
+    given = np.array([0.7, 1.0, 1.0, 1.0, 1.0, 1.0])
+    # What keeps the vehicle level: the weak one is sent more.
+    sent = 1.0 / given
+    moved = float(sent[0] / sent.sum() - 1.0 / 6.0) * 6.0 / 5.0
+    change = Change(slice(0, 50), slice(50, 100), Difference(moved, 0.0), p_value=1e-4, detectable=0.01)
+    roll, pitch, yaw = _axes_change([change, *[None] * 5], place, [0])
+    assert roll.value == pytest.approx(1.0 - 0.3 / 3.0, abs=1e-3)
+    assert pitch.value == pytest.approx(1.0, abs=1e-3)
+    assert yaw.value == pytest.approx(1.0 - 0.3 / 6.0, abs=1e-3)

@@ -9,7 +9,7 @@ from quadid_logs.align import cut
 from quadid_logs.data.model import Model
 from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.identify import identify
-from quadid_logs.identify.rotors import Rotors, _lagged
+from quadid_logs.identify.rotors import Rotors, lagged_speeds
 from quadid_logs.load import prepare
 from quadid_logs.simulate import simulate
 
@@ -61,7 +61,7 @@ def test_intervals_side_by_side_give_the_recursion_of_one_after_the_other(rotors
         gap = wanted - speed
         speed = speed + gap * np.where(gap > 0.0, up, down)
         expected[row] = speed
-    np.testing.assert_allclose(_lagged(target, period_s, rotors), expected, atol=1e-3)
+    np.testing.assert_allclose(lagged_speeds(target, period_s, rotors), expected, atol=1e-3)
 
 
 def test_mean_and_asymmetry_make_the_two_time_constants() -> None:

@@ -13,14 +13,20 @@ import pytest
 
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.model import SpectralFit
+from quadid_logs.identify.effect_columns import _late
+from quadid_logs.identify.rotors import Rotors
 from quadid_logs.identify.spectral import solve_flight
 from quadid_logs.identify.spectral_effects import fit_by_spectra
+from quadid_logs.maths.recurrence import lag
 from tests.marks import thorough
 
 PERIOD_S, LAG_S, ANGLE_GAIN = 0.005, 0.04, 4.0
 GAIN, DAMPING = np.array([180.0, 140.0, 16.0]), np.array([-1.0, -1.2, -0.3])
 #: Quad X: thrusts of the rotors to torques about roll, pitch and yaw.
 PER_THRUST = 0.25 * np.array([[-1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0], [1.0, 1.0, -1.0, -1.0]])
+
+#: Thrust of a rotor in hover, in the unit of the torques.
+HOVER = 2.0
 
 Loss = Callable[[np.ndarray], np.ndarray]
 
@@ -57,11 +63,13 @@ def _fly(
     late_steps: int = 0,
     worth: np.ndarray | None = None,
     throttle: np.ndarray | None = None,
+    spin_down: float = 1.0,
 ) -> FlightData:
     """Fly a minute in angle mode.
 
     ``late_steps``: the torque is logged so much later than it was given; ``worth`` (12000,): how much of it
-    the rotors make, sample by sample; ``throttle``: as logged.
+    the rotors make, sample by sample; ``throttle``: as logged; ``spin_down``: so many times as slowly as
+    up do rotors slow down, whose thrust goes with their speed squared.
     """
     rng, n = np.random.default_rng(seed), 12000
     worth = np.ones(n) if worth is None else worth
@@ -69,13 +77,19 @@ def _fly(
     white, air = rng.standard_normal((n, 3)), np.zeros(3)
     keep = np.exp(-PERIOD_S * np.pi)
     rate, angle, thrust = np.zeros(3), np.zeros(3), np.zeros(3)
+    mixing, speed = np.linalg.pinv(PER_THRUST), np.full(4, np.sqrt(HOVER))
     torque, rates, setpoints = (np.empty((n, 3)) for _ in range(3))
     for row in range(n):
         air = keep * air + np.sqrt(1.0 - keep**2) * white[row]
         setpoint = ANGLE_GAIN * (steps[row] - angle)
         command = 12.0 / GAIN * (setpoint - rate)
         rates[row], setpoints[row], torque[row] = rate, setpoint, command
-        thrust = thrust + PERIOD_S / LAG_S * (loss(command) - thrust)
+        if spin_down == 1.0:
+            thrust = thrust + PERIOD_S / LAG_S * (loss(command) - thrust)
+        else:
+            lacking = np.sqrt(np.maximum(HOVER + mixing @ loss(command), 0.0)) - speed
+            speed = speed + PERIOD_S / np.where(lacking > 0.0, LAG_S, spin_down * LAG_S) * lacking
+            thrust = PER_THRUST @ speed**2
         pull = tilt_1_s2 * angle * np.array([1.0, 1.0, 0.0])
         gust = gusts * air * np.array([1.0, 1.0, 0.1])
         rate = rate + PERIOD_S * (worth[row] * GAIN * thrust + DAMPING * rate + pull + gust)
@@ -93,6 +107,7 @@ def _fly(
                 saturated=np.zeros(n, dtype=bool),
                 reference=setpoints,
                 command=setpoints + ANGLE_GAIN * turned,
+                rotor_thrust=HOVER + torque @ mixing.T,
             ),
         ),
         flights=(),
@@ -170,6 +185,37 @@ def test_a_moment_of_the_tilt_is_taken_out(tilt_1_s2: float) -> None:
     """A pendulum, and a vehicle that tips over."""
     fits = fit_by_spectra(_fly(1, gusts=0.2, tilt_1_s2=tilt_1_s2))
     assert all("tilt" in fits[axis].effects and _holds(fits[axis], axis) for axis in (0, 1))
+
+
+@pytest.mark.parametrize("seed", [0, thorough(1)])
+def test_rotors_that_slow_down_late_are_taken_for_that(seed: int) -> None:
+    """Three times as slowly as they speed up: no dead zone explains it, and the truth is inside."""
+    fits = fit_by_spectra(_fly(seed, spin_down=3.0))
+    assert all(set(fits[axis].effects) == {"asymmetry"} for axis in (0, 1))
+    assert all(_holds(fits[axis], axis) for axis in range(3))
+
+
+def test_rotors_whose_thrust_is_not_known_are_not_asked_how_they_slow_down() -> None:
+    """Torques alone do not tell which rotors slow down."""
+    data = replace(_fly(0, spin_down=3.0), input=None)
+    assert not any("asymmetry" in fit.effects for fit in fit_by_spectra(data))
+
+
+def test_what_late_rotors_take_is_what_they_lack_behind_one_lag() -> None:
+    """Integrated rotor by rotor: behind the lag, the torque without it is the one that rotors made."""
+    rng, n, up_s, down_s = np.random.default_rng(5), 6000, 0.03, 0.09
+    mean_s = 2.0 / (1.0 / up_s + 1.0 / down_s)
+    torque = lag(rng.standard_normal((n, 3)), PERIOD_S, 0.1) * np.array([0.05, 0.05, 0.03])
+    mixing, speed = np.linalg.pinv(PER_THRUST), np.full(4, np.sqrt(HOVER))
+    made = np.empty((n, 3))
+    for row, target in enumerate(np.sqrt(HOVER + torque @ mixing.T)):
+        lacking = target - speed
+        speed = target - lacking * np.exp(-PERIOD_S / np.where(lacking > 0.0, up_s, down_s))
+        made[row] = PER_THRUST @ speed**2
+    late = _late(torque, np.full((n, 4), HOVER), Rotors(up_s, down_s), (PER_THRUST, mixing), PERIOD_S)
+    left = lag(torque - late, PERIOD_S, mean_s) - made
+    without = lag(torque, PERIOD_S, mean_s) - made
+    assert np.std(left[200:]) < 0.15 * np.std(without[200:])
 
 
 TIME_S = PERIOD_S * np.arange(12000)

@@ -34,7 +34,7 @@ def test_estimates_of_one_value_are_rarely_told_apart(n: int) -> None:
 
 @pytest.mark.parametrize("between", [0.0, 0.05, 0.2])
 @pytest.mark.parametrize("n", [3, 5, 12])
-def test_the_interval_of_the_mean_covers_what_flights_differ_about(n: int, between: float) -> None:
+def test_the_interval_of_the_mean_covers_what_two_vehicles_about(n: int, between: float) -> None:
     """The mean's own interval and what is added cover the true mean in 93 % of draws and more."""
     value, half = draws(n, between, seed=10 * n)
     covered = []

@@ -86,6 +86,17 @@ def test_a_name_is_short_plain_text(own: Site) -> None:
     assert "<script>alert" not in shown
 
 
+def test_a_vehicle_with_a_fault_says_so_on_its_page(own: Site) -> None:
+    """The fleet's page did; this one said nothing at all of such a vehicle."""
+    own.finished()
+
+    def with_fault(row: dict[str, object], _flight: int) -> None:
+        row.update(faults="QL430", faults_found="Motor 1 gives 24 % less thrust than the others.")
+
+    make_store(own.store.history, ["v"], 2, change=with_fault)
+    assert "In the last flight: Motor 1 gives 24 % less thrust" in own.ask(f"/vehicles/{SHA}").text
+
+
 def test_the_history_judges_a_flight_as_its_report_does() -> None:
     """The structure that all flights share may be refused where the best one is not: its numbers go."""
     row = {"verdict": "refused", "reasons": ["QL402"], "sentence": "s", "gain": 1.0, "gain_low": 0.9}

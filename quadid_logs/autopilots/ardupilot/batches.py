@@ -69,7 +69,10 @@ def gyro_batches(
     values /= scale[batch][:, np.newaxis, np.newaxis]
     position = np.repeat(data.position[kept], _PER_ROW).reshape(-1, _PER_ROW)
     instance = header.integers("instance")[batch]
-    n_gyros, option = _n_gyros(parameters), whole_number(parameters.get("INS_LOG_BAT_OPT"))
+    n_gyros, option = (
+        max(1, sum(bool(parameters.get(name)) for name in _GYRO_IDS)),
+        whole_number(parameters.get("INS_LOG_BAT_OPT")),
+    )
     both = bool(option & _BOTH) or option & (_SENSOR_RATE | _AFTER_FILTER) == _SENSOR_RATE | _AFTER_FILTER
     found = []
     for sensor in np.unique(instance).tolist():
@@ -108,7 +111,3 @@ def _is_whole(header: MessageTable, data: MessageTable) -> bool:
         and data.has(*_AXES)
         and all(data.columns[axis].shape == (data.n_rows, _PER_ROW) for axis in _AXES)
     )
-
-
-def _n_gyros(parameters: Mapping[str, float]) -> int:
-    return max(1, sum(bool(parameters.get(name)) for name in _GYRO_IDS))

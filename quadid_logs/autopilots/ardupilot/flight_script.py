@@ -13,11 +13,9 @@ from typing import Final
 SCRIPT: Final = "excite.lua"
 #: RCx_OPTION 300, Scripting1 (RC_Channel.h, AUX_FUNC).
 SWITCH: Final = 300
-#: `vehicle:set_target_rate_and_throttle` came after 4.5 (ardupilot pull request 28134).
-RATE_TARGETS_SINCE: Final = (4, 6)
 #: What ends the test. Tilt: twice what a sweep and its gusts make of the attitude. Height: room to recover
-#: below,
-#: and what a fence allows above. Battery: as much is left as a landing with half of the flight's wind needs.
+#: below, and what a fence allows above. Battery: as much is left as a landing with half of the flight's wind
+#: needs.
 _LIMITS: Final[Mapping[str, float]] = MappingProxyType(
     {
         "MOST_TILT_DEG": 30,

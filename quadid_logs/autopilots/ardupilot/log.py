@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -33,12 +34,15 @@ from quadid_logs.containers import dataflash, dataflash_text
 from quadid_logs.containers.content import mean_rate_hz
 from quadid_logs.containers.message_table import MessageSource, MessageTable, damaged_numbers_pass
 from quadid_logs.data.log import FlightLog, LogText, MessageCount, ModeChange, ParameterChange, whole_number
+from quadid_logs.vocabulary import AXES
 
 #: Their PIDR, PIDP and PIDY steer surfaces and work in degrees.
 _OTHER_PIDS: Final = frozenset({"fixed-wing", "vtol"})
 _PIDS: Final = frozenset(PID_MESSAGES)
 _DESCRIPTIONS: Final = frozenset({"PARM", "MSG", "MODE", "VER", "DSF", "PM", "GPS"})
 _LABELS: Final = frozenset({"Name", "Value", "Message", "Mode", "BU", "FWS", "Dp", "LogDrop", "GWk", "GMS"})
+#: SID_AXIS that moves roll, pitch, yaw, roll, ...: input, recovered angle, rate, mixer (mode_systemid.cpp).
+_SWEEPS: Final = range(1, 13)
 #: ArduCopter/defines.h: MASK_LOG_ATTITUDE_FAST logs at the loop rate, MASK_LOG_ATTITUDE_MED at 10 Hz.
 _FAST_ATTITUDE: Final = 1
 _MEDIUM_ATTITUDE: Final = 2
@@ -132,7 +136,7 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
     seen = followed(tables, movers)
     gyro_filter = parameter_filter(parameters, seen, identity.version)
     samples = batches.gyro_batches(batched, parameters, gyro_filter)
-    return FlightLog(
+    log = FlightLog(
         path=source.path,
         format=log_format,
         autopilot="ardupilot",
@@ -165,6 +169,19 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         utc_offset_s=_utc_offset_s(tables.get("GPS"), clock),
         remarks=_remarks(tables, clock, messages.rate_scale),
     )
+    return replace(log, swept_axes=_swept_axes(log))
+
+
+def _swept_axes(log: FlightLog) -> tuple[str, ...]:
+    """Return the axes on which System ID mode injected a chirp, also one after the other in a flight."""
+    chirp = next(iter(log.candidates("sysid_chirp")), None)
+    if chirp is None:
+        return ()
+    injecting = chirp.rows.position[np.abs(chirp.values[:, 0]) > 0.0]
+    changes = [one.position for one in log.parameter_changes if one.name == "SID_AXIS"]
+    places = injecting[np.unique(np.searchsorted(changes, injecting), return_index=True)[1]]
+    numbers = {whole_number(log.parameters_at(place).get("SID_AXIS")) for place in places.tolist()}
+    return tuple(axis for column, axis in enumerate(AXES) if numbers & {*_SWEEPS[column::3]})
 
 
 def _identity(

@@ -104,7 +104,15 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, name: str) -> Repl
     slope = np.diff(error, prepend=error[0]) / step
     proportional = pid["P"] * error
     derivative = pid["D"] * low_pass(slope, pid["FLTD"], step, first=0.0)
-    factor = _pd_factor(proportional + derivative, rows, pid["PDMX"])
+    # The factor on P and D: the logged slew limiter's and scales, then that of PDMX.
+    total = proportional + derivative
+    highest = pid["PDMX"]
+    factor = np.ones_like(total)
+    for logged in (rows.scale, rows.gain_scale):
+        factor = factor if logged is None else factor * logged
+    if highest > 0.0:
+        size = np.abs(factor * total)
+        factor = factor * np.where(size > highest, highest / np.maximum(size, highest), 1.0)
     proportional, derivative = factor * proportional, factor * derivative
     forward = pid["FF"] * target + pid["D_FF"] * np.diff(target, prepend=target[0]) / step
     rest = rows.output - rows.added - proportional - derivative - forward
@@ -117,17 +125,6 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, name: str) -> Repl
     values: dict[Term, FloatArray] = {"P": proportional, "I": integral, "D": derivative, "FF": forward}
     values["output"] = proportional + integral + derivative + forward + rows.added
     return ReplayedTerms(values, limited)
-
-
-def _pd_factor(total: FloatArray, rows: AxisRows, highest: float) -> FloatArray:
-    """Return the factor on P and D: the logged slew limiter's and scales, then that of PDMX."""
-    factor = np.ones_like(total)
-    for logged in (rows.scale, rows.gain_scale):
-        factor = factor if logged is None else factor * logged
-    if highest > 0.0:
-        size = np.abs(factor * total)
-        factor = factor * np.where(size > highest, highest / np.maximum(size, highest), 1.0)
-    return factor
 
 
 def _rows(
@@ -147,6 +144,15 @@ def _rows(
     scaled = next((one for one in terms_of_axis if _SCALE in one.values), None)
     found = {} if logged is None else _logged_at(logged, time_s[now])
     limited, scale = found.pop("limited", None), found.pop("scale", None)
+    # What System ID mode added to the mixer's input: SIDD.Targ of the loop before.
+    before_s = time_s[before]
+    chirp = next(iter(log.candidates("sysid_chirp")), None)
+    if chirp is None or whole_number(parameters.get("SID_AXIS")) != _FIRST_MIXER_AXIS + number:
+        mixer_chirp = np.zeros(before_s.size)
+    else:
+        mixer_chirp = np.nan_to_num(
+            matched(chirp.time_s, chirp.values[:, 0], before_s), posinf=0.0, neginf=0.0
+        )
     return AxisRows(
         start_s=float(time_s[now.start]),
         positions=setpoint.position[now],
@@ -154,7 +160,7 @@ def _rows(
         target=setpoint.values[before, number],
         rate=rate.values[now, number],
         output=output.values[now, number],
-        added=_mixer_chirp(log, parameters, number, time_s[before]),
+        added=mixer_chirp,
         known=np.ones(run.stop - run.start - 1, np.bool_),
         logged={term: found[term] for term in ("P", "I", "D", "FF") if term in found},
         limited=None if limited is None else limited > 0.5,
@@ -173,13 +179,3 @@ def _gain_scale(logged: ControllerTerms, time_s: FloatArray) -> FloatArray:
     """Return the factor on P and D at the loops' stamps: 1 where none was written, or nonsense."""
     found = matched(logged.rows.time_s, logged.values[_SCALE], time_s)
     return np.where((found > 0.0) & (found < _LARGEST_SCALE), found, 1.0)
-
-
-def _mixer_chirp(
-    log: FlightLog, parameters: Mapping[str, float], number: int, before_s: FloatArray
-) -> FloatArray:
-    """Return what System ID mode added to the mixer's input: SIDD.Targ of the loop before."""
-    chirp = next(iter(log.candidates("sysid_chirp")), None)
-    if chirp is None or whole_number(parameters.get("SID_AXIS")) != _FIRST_MIXER_AXIS + number:
-        return np.zeros(before_s.size)
-    return np.nan_to_num(matched(chirp.time_s, chirp.values[:, 0], before_s), posinf=0.0, neginf=0.0)

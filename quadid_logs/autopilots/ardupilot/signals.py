@@ -178,7 +178,10 @@ class Messages:
             return RateScale(
                 factors[unit.label] * unit.factor, unit.label, "the log states the unit", is_stated=True
             )
-        ratio = self._over_gyro(table, measured)
+        # How many counts of RATE make one rad/s of the gyro; NaN without a moving gyro.
+        gyro = next((part for row in GYROS for part in self.parts(row)), None)
+        reference = _spread(stacked(gyro.table, _GYRO)) if gyro is not None else 0.0
+        ratio = _spread(stacked(table, measured)) / reference if reference > 0.0 else math.nan
         scales = {"deg/s": DEGREE, "centidegrees/s": DEGREE / 100.0, "rad/s": 1.0}
         for name, factor in scales.items():
             if 1 / 3 < ratio * factor < 3:
@@ -186,12 +189,6 @@ class Messages:
         old = measured[0] == "Rll" or self._old_firmware
         name = "centidegrees/s" if old else "deg/s"
         return RateScale(scales[name], name, "assumed from the firmware's age")
-
-    def _over_gyro(self, table: MessageTable, measured: tuple[str, ...]) -> float:
-        """Return how many counts of RATE make one rad/s of the gyro; NaN without a moving gyro."""
-        gyro = next((part for row in GYROS for part in self.parts(row)), None)
-        reference = _spread(stacked(gyro.table, _GYRO)) if gyro is not None else 0.0
-        return _spread(stacked(table, measured)) / reference if reference > 0.0 else math.nan
 
     def command_scale(self, values: FloatArray) -> tuple[float, str]:
         """Return the factor to the scale of -1 to 1, and the words for it.

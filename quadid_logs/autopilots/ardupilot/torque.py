@@ -68,7 +68,12 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
                 "make no sense (firmware before 3.4, or no parameters).",
             )
         )
-    outputs = _motor_pulses(log, airframe)
+    # The pulse widths in the order of the motors, None where a motor's channel is not logged.
+    series = log.first("output_pwm")
+    if series is None or not airframe.channels or max(airframe.channels) > series.n_columns:
+        outputs = None
+    else:
+        outputs = _Pulses(series, series.values[:, [channel - 1 for channel in airframe.channels]])
     vehicle = _Vehicle(log, airframe, settings, outputs)
     command = _command(log)
     law, mixed = _Law(DensityLaw.NONE), None
@@ -188,14 +193,6 @@ def _command(log: CleanLog) -> _Command | None:
             if throttle.rows is command.rows and not command.achieved:
                 return _Command(command, throttle.at(command.time_s))
     return None
-
-
-def _motor_pulses(log: CleanLog, airframe: Airframe) -> _Pulses | None:
-    """Return the pulse widths in the order of the motors, None where a motor's channel is not logged."""
-    series = log.first("output_pwm")
-    if series is None or not airframe.channels or max(airframe.channels) > series.n_columns:
-        return None
-    return _Pulses(series, series.values[:, [channel - 1 for channel in airframe.channels]])
 
 
 def _best_law(vehicle: _Vehicle, command: _Command) -> _Law:

@@ -164,8 +164,12 @@ class BetaflightAdvice(Advice):
         lowest = min(each["start_hz"] for each in excitations.values())
         highest = max(each["stop_hz"] for each in excitations.values())
         longest = max(each["record_s"] for each in excitations.values())
+        # The amplitude of a chirp [deg/s], no larger than the motion that was planned.
         wanted = {
-            **{f"chirp_amplitude_{axis}": _chirp_dps(each) for axis, each in excitations.items()},
+            **{
+                f"chirp_amplitude_{axis}": max(int(math.degrees(each["magnitude"])), 1)
+                for axis, each in excitations.items()
+            },
             "chirp_frequency_start_deci_hz": max(int(10.0 * lowest), 1),
             "chirp_frequency_end_deci_hz": math.ceil(10.0 * highest),
             "chirp_time_seconds": math.ceil(longest),
@@ -213,11 +217,6 @@ class BetaflightAdvice(Advice):
             ("as flown", name, _SLIDER_MODES[mode] if name == SLIDERS else "ON")
             for name, mode in used.items()
         )
-
-
-def _chirp_dps(excitation: Mapping[str, float]) -> int:
-    """Return the amplitude of a chirp [deg/s], no larger than the motion that was planned."""
-    return max(int(math.degrees(excitation["magnitude"])), 1)
 
 
 def _lines(comment: str, settings: Mapping[str, float], debug_mode: str) -> str:

@@ -58,7 +58,15 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
             "The mixer's yaw is the integral of the logged yaw sum (use_integrated_yaw): what this log tells "
             "of yaw is no answer to a torque."
         )
-    found = _best(slopes)
+    # The frame of the table that slopes (3, n_motors) are nearest to, None where none is near.
+    matches = [
+        _Match(_off(slopes, frame.mixer * [1.0, 1.0, direction]), frame, direction)
+        for frame in FRAMES
+        if len(frame.mixer) == slopes.shape[1]
+        for direction in (1.0, -1.0)
+    ]
+    best = min(matches, key=lambda match: match.off, default=None)
+    found = best if best is not None and best.off < _OFF else None
     if found is None:
         return _as_they_are(
             f"The {n_motors} motors do not follow the PID sums as those of a frame in Betaflight's motor "
@@ -73,18 +81,6 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
 def _as_they_are(why: str) -> Unknown:
     """Say that the torque is the one commanded."""
     return Unknown(remark=f"{why} So the PID sums are taken as they are.")
-
-
-def _best(slopes: FloatArray) -> _Match | None:
-    """Return the frame of the table that slopes (3, n_motors) are nearest to, None where none is near."""
-    matches = [
-        _Match(_off(slopes, frame.mixer * [1.0, 1.0, direction]), frame, direction)
-        for frame in FRAMES
-        if len(frame.mixer) == slopes.shape[1]
-        for direction in (1.0, -1.0)
-    ]
-    best = min(matches, key=lambda match: match.off, default=None)
-    return best if best is not None and best.off < _OFF else None
 
 
 def _off(slopes: FloatArray, mixer: FloatArray) -> float:

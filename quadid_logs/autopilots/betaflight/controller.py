@@ -97,7 +97,12 @@ def controllers(
     found: dict[str, AxisController] = {}
     remarks = list(_common_remarks(parameters, flown(log)))
     for axis in axes:
-        other = {name: parameters[name] for name in _OTHER_LAWS if _is_on(parameters, name, axis)}
+        # Tell whether a setting makes another controller of an axis.
+        other = {
+            name: parameters[name]
+            for name in _OTHER_LAWS
+            if (axis in _OTHER_LAWS[name] and (finite(parameters.get(name)) or 0.0) > 0.0)
+        }
         if _averages(log, parameters):
             other["dterm_filter_type"] = _AVERAGE
         missing = _missing(parameters, axis)
@@ -118,11 +123,6 @@ def controllers(
         remarks=tuple(remarks),
         command_unit=CommandUnit("unit of the PID sum", 1.0 / PID_SCALE),
     )
-
-
-def _is_on(parameters: Mapping[str, float], name: str, axis: str) -> bool:
-    """Tell whether a setting makes another controller of an axis."""
-    return axis in _OTHER_LAWS[name] and (finite(parameters.get(name)) or 0.0) > 0.0
 
 
 def _averages(log: FlightLog, parameters: Mapping[str, float]) -> bool:

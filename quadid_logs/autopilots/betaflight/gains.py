@@ -27,9 +27,14 @@ def tunable(parameters: Mapping[str, float]) -> Tunable:
         P, I and D are scaled together, and with D the other end of its range. Feed-forward is no part of the
         loop, and stays.
     """
+    # Name what changes the loop and is not modelled.
+    if parameters.get("tpa_curve_type", 0.0) != 0.0:
+        obstacle = "flown with a curve of throttle attenuation that is not modelled (tpa_curve_type)"
+    else:
+        obstacle = ""
     return Tunable(
         axes={axis: _names(axis, parameters) for axis in AXES},
-        obstacle=_obstacle(parameters),
+        obstacle=obstacle,
     )
 
 
@@ -49,10 +54,3 @@ def _names(axis: str, parameters: Mapping[str, float]) -> GainNames:
         ranges=dict.fromkeys(scaled, (0.0, highest)),
         whole=True,
     )
-
-
-def _obstacle(parameters: Mapping[str, float]) -> str:
-    """Name what changes the loop and is not modelled."""
-    if parameters.get("tpa_curve_type", 0.0) != 0.0:
-        return "flown with a curve of throttle attenuation that is not modelled (tpa_curve_type)"
-    return ""

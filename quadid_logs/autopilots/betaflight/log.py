@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -29,7 +29,7 @@ from quadid_logs.data.log import (
     Signal,
 )
 from quadid_logs.errors import EmptyLogError, UnknownFormatError
-from quadid_logs.vocabulary import MULTIROTOR
+from quadid_logs.vocabulary import AXES, MULTIROTOR
 
 _KNOWN: Final = ("Betaflight", "Cleanflight", "INAV")
 _OTHERS: Final = {
@@ -90,16 +90,27 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
     levels = in_modes(modes, SELF_LEVELLING, rows.time_s)
     facts = dialect.facts(header, settings, firmware.version, main, levels)
     terms = controller_terms(main, rows, cut=cuts_terms(header.texts))
+    # The processor's id; every simulated vehicle has the same, which tells nothing.
+    is_simulated = header.texts.get("Firmware revision", "").rstrip().endswith(_SIMULATOR)
+    # What the vehicle is by its motors; builds for wings log S terms.
+    fields = header.layouts["I"].names
+    if any(field.startswith("axisS[") for field in fields) or "motor[1]" not in fields:
+        vehicle_type = "fixed-wing" if "motor[0]" in fields else "unknown"
+    else:
+        vehicle_type = MULTIROTOR if "motor[2]" in fields else "unknown"
+    swept_axes = _swept_axes(main)  # before the signals take the columns
+    signals = _signals(dialect, content, settings, rows, facts)
     return FlightLog(
         path=str(path),
         format="blackbox",
         autopilot=dialect.autopilot,
         n_bytes=content.n_bytes,
-        signals=_signals(dialect, content, settings, rows, facts),
+        signals=signals,
+        swept_axes=swept_axes if "sysid_chirp" in signals else (),
         firmware=firmware.title,
-        vehicle_type=_vehicle_type(header.layouts["I"].names),
+        vehicle_type=vehicle_type,
         vehicle_name=header.texts.get("Craft name", "").strip(),
-        hardware_id=_hardware_id(header.texts),
+        hardware_id="" if is_simulated else header.texts.get("DeviceUID", "").strip(),
         parameters=settings,
         lost=content.lost,
         controller_terms=terms,
@@ -108,6 +119,14 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
         utc_offset_s=_utc_offset_s(header.texts.get("Log start datetime", ""), rows.time_s),
         remarks=_remarks(content, system, facts),
     )
+
+
+def _swept_axes(main: FrameTable) -> tuple[str, ...]:
+    """Return the axes that the chirp mode swept: since 2026.6 the second debug field, -1 outside of a run."""
+    debug = stacked(main, ("debug[1]", "debug[2]", "debug[3]"), dtype=np.float32)
+    if debug is None or not debug.any():  # 2025.12 logs the phase alone
+        return ()
+    return tuple(axis for number, axis in enumerate(AXES) if (debug[:, 0] == number).any())
 
 
 def _refuse_others(path: str | Path, dialect: Dialect, texts: Mapping[str, str]) -> None:
@@ -121,19 +140,6 @@ def _refuse_others(path: str | Path, dialect: Dialect, texts: Mapping[str, str])
     raise UnknownFormatError(
         f"{path} is a Blackbox log of {name or 'an unknown firmware'}, not of {dialect.name}.", hint=hint
     )
-
-
-def _hardware_id(texts: Mapping[str, str]) -> str:
-    """Return the processor's id; every simulated vehicle has the same, which tells nothing."""
-    is_simulated = texts.get("Firmware revision", "").rstrip().endswith(_SIMULATOR)
-    return "" if is_simulated else texts.get("DeviceUID", "").strip()
-
-
-def _vehicle_type(fields: Collection[str]) -> str:
-    """Return what the vehicle is by its motors; builds for wings log S terms."""
-    if any(field.startswith("axisS[") for field in fields) or "motor[1]" not in fields:
-        return "fixed-wing" if "motor[0]" in fields else "unknown"
-    return MULTIROTOR if "motor[2]" in fields else "unknown"
 
 
 def _time_s(main: FrameTable) -> FloatArray:

@@ -143,7 +143,7 @@ class Facts:
             highest_output=high,
             throttle_range=(low, high)
             if counts
-            else (_MIN_CHECK[_since(version, _MIN_CHECK_SINCE)], _FULL_STICK),
+            else (_MIN_CHECK[(version is None or version >= _MIN_CHECK_SINCE)], _FULL_STICK),
             pole_pairs=max(header.number("motor_poles", 14), 2) / 2.0,
             cuts_terms=cuts_terms(header.texts),
             has_set_points="setpoint[0]" in main.names,
@@ -156,10 +156,6 @@ class Facts:
             levels=levels,
             sweep=sweep_of(header.texts),
         )
-
-
-def _since(version: tuple[int, ...] | None, first: tuple[int, ...]) -> bool:
-    return version is None or version >= first
 
 
 def _volts(header: Header, settings: Mapping[str, float]) -> float:

@@ -70,7 +70,9 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     flown = log.flown(motors.time_s, motors.values.mean(axis=1))
     rotors = find_rotors(log, motors, output, flown)
     highest = _highest(log, motors)
-    at_stop = _at_stop(motors, highest)
+    # Mark rows in which a motor is at a stop; shape (n_samples,).
+    near = np.where(highest < 1.0, _NEAR_STOP, 0.0)
+    at_stop = any_motor((motors.values <= 0.0) | (motors.values >= highest - near))
     # What is as long as the log is let go of as soon as it has served.
     mixed = unmixed(np.clip(motors.values / highest, 0.0, 1.0), throttle.at(motors.time_s), airframe, log.log)
     scale = _scale(rotors, output, (commanded, mixed), flown & ~at_stop, airframe, motors.period_s)
@@ -160,9 +162,3 @@ def _highest(log: CleanLog, motors: CleanSeries) -> FloatArray:
     if battery is None:
         return np.ones((1, 1))
     return highest_output(battery.at(motors.time_s), log.log.parameters)[:, np.newaxis]
-
-
-def _at_stop(motors: CleanSeries, highest: FloatArray) -> BoolArray:
-    """Mark rows in which a motor is at a stop; shape (n_samples,)."""
-    near = np.where(highest < 1.0, _NEAR_STOP, 0.0)
-    return any_motor((motors.values <= 0.0) | (motors.values >= highest - near))

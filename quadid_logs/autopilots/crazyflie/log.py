@@ -10,7 +10,7 @@ import numpy as np
 from quadid_logs.autopilots.crazyflie.signals import GYRO_FILTER, SOURCES
 from quadid_logs.autopilots.sources import Part, build_signals, stacked
 from quadid_logs.containers.content import mean_rate_hz
-from quadid_logs.containers.usd import EventTable, UsdContent, read_usd
+from quadid_logs.containers.usd import EventTable, read_usd
 from quadid_logs.data.log import FlightLog, MessageCount, Rows
 from quadid_logs.vocabulary import MULTIROTOR
 
@@ -46,6 +46,15 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     # Events with many rows first: where two hold the same variables, the faster one is preferred.
     tables = sorted(content.tables.values(), key=lambda table: -len(table.position))
     parts = [Part(name=table.name, table=table, rows=Rows(table.time_s, table.position)) for table in tables]
+    # Say what was decided or assumed.
+    remarks = []
+    flown = controllers_of(list(content.tables.values()))
+    if flown:
+        remarks.append(f"By the variables that move, the {' and the '.join(flown)} controller flew.")
+    else:
+        remarks.append("No variable of a controller was logged that shows which one flew.")
+    if system:
+        remarks.append("A micro-SD log holds one vehicle: the chosen system was not needed.")
     return FlightLog(
         path=str(path),
         format="usd",
@@ -63,7 +72,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
             )
             for table in tables
         ),
-        remarks=_remarks(content, system),
+        remarks=tuple(remarks),
     )
 
 
@@ -75,16 +84,3 @@ def controllers_of(tables: list[EventTable]) -> list[str]:
 def _moves(table: EventTable, fields: tuple[str, ...]) -> bool:
     values = stacked(table, fields)
     return values is not None and bool(np.any(values != values[:1]))
-
-
-def _remarks(content: UsdContent, system: int) -> tuple[str, ...]:
-    """Say what was decided or assumed."""
-    remarks = []
-    flown = controllers_of(list(content.tables.values()))
-    if flown:
-        remarks.append(f"By the variables that move, the {' and the '.join(flown)} controller flew.")
-    else:
-        remarks.append("No variable of a controller was logged that shows which one flew.")
-    if system:
-        remarks.append("A micro-SD log holds one vehicle: the chosen system was not needed.")
-    return tuple(remarks)

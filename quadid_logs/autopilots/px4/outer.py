@@ -21,7 +21,13 @@ from quadid_logs.autopilots.sources import stacked
 from quadid_logs.autopilots.versions import finite
 from quadid_logs.containers.ulog import TopicKey, TopicTable
 from quadid_logs.data.log import FlightLog, PositionRows, Rows, Signal
-from quadid_logs.data.outer_loops import AttitudeCommand, AttitudeRows, CascadeController, OuterControllers
+from quadid_logs.data.outer_loops import (
+    FEWEST_ROWS,
+    AttitudeCommand,
+    AttitudeRows,
+    CascadeController,
+    OuterControllers,
+)
 from quadid_logs.maths.rotations import (
     conjugate,
     multiply_quaternions,
@@ -35,8 +41,8 @@ from quadid_logs.maths.rotations import (
 #: slower, may be older by one loop; those are asked where newer ones are too few.
 _SAME_LOOP_S: Final = 2e-3
 _LOOP_BEFORE_S: Final = 6e-3
-#: Fewer rows of one loop tell nothing; more than a minute's at 400 Hz tell nothing new.
-_FEWEST_ROWS, _MOST_ROWS = 50, 24_000
+#: More rows than a minute's at 400 Hz tell nothing new.
+_MOST_ROWS: Final = 24_000
 #: Below, a yaw weight switches the heading off (`setProportionalGain`).
 _LEAST_WEIGHT: Final = 1e-4
 #: MulticopterPositionControl.cpp runs on each vehicle_local_position, which the estimator publishes at 50 Hz.
@@ -227,14 +233,14 @@ def attitude_rows(
     attitude, wanted, rate = signals
     if attitude is None or wanted is None or rate is None or None in gains:
         return None
-    if min(each.n_samples for each in (attitude, wanted, rate)) < _FEWEST_ROWS:
+    if min(each.n_samples for each in (attitude, wanted, rate)) < FEWEST_ROWS:
         return None
     usable = within(rate.time_s, intervals) & possible(rate.values) & (rate.values != 0.0).any(axis=1)
     now, fresh = _latest(attitude, rate.time_s, _SAME_LOOP_S)
     for oldest_s in (_SAME_LOOP_S, _LOOP_BEFORE_S):
         asked, current = _latest(wanted, rate.time_s, oldest_s)
         chosen = np.flatnonzero(usable & fresh & current)[:_MOST_ROWS]
-        if chosen.size >= _FEWEST_ROWS:
+        if chosen.size >= FEWEST_ROWS:
             break
     else:
         return None

@@ -1,14 +1,17 @@
-"""Two flights of one log whose effectiveness differs: what is told of an axis holds both."""
+"""Two vehicles behind one model: two flights that differ, a rotor that lost thrust. Intervals hold both."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.model import Model
+from quadid_logs.data.health import Rotors
+from quadid_logs.data.model import Identification, Model
+from quadid_logs.identify.splice import with_interval
 from quadid_logs.maths.random_effect import random_effect
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
@@ -53,7 +56,6 @@ def with_flights_beside(model: Model) -> Model:
     if check is None or len(check.flight_gain) != 2:
         return model
     common = _differ(*of_all_axes(check.flight_gain, check.flight_half_width))
-    parameters = list(model.parameters)
     for axis, name in enumerate(AXES):
         gain, half_width = check.flight_gain[:, axis], check.flight_half_width[:, axis]
         old = model.entries[ON_AXIS[name]]
@@ -63,9 +65,40 @@ def with_flights_beside(model: Model) -> Model:
             old.value * _farthest(gain, half_width, end / old.value, side if old.value > 0.0 else -side)
             for side, end in zip((-1.0, 1.0), old.ci95, strict=True)
         )
-        new = replace(old, ci95=(low, high))
-        parameters = [new if each is old else each for each in parameters]
-    return replace(model, parameters=tuple(parameters))
+        model = with_interval(model, axis, (low, high))
+    return model
+
+
+def with_lost_thrust(identification: Identification, rotors: Rotors | None) -> Identification:
+    """Widen the intervals to hold the vehicle before and the one after a rotor lost thrust.
+
+    The fit lies somewhere between both, by how much of the manoeuvre was flown with each.
+
+    Parameters
+    ----------
+    identification : Identification
+    rotors : Rotors or None
+        What the flight tells of each rotor.
+
+    Returns
+    -------
+    Identification
+        As it is where the balance of the rotors did not move.
+    """
+    if rotors is None or not rotors.axes_change:
+        return identification
+    ratio = [change.value for change in rotors.axes_change]
+    return replace(identification, models=tuple(_with_both(each, ratio) for each in identification.models))
+
+
+def _with_both(model: Model, ratio: Sequence[float]) -> Model:
+    """Return a model of which each interval holds what is told of it, and that times or over the ratio."""
+    for axis, (name, after) in enumerate(zip(AXES, ratio, strict=True)):
+        entry = model.entries[ON_AXIS[name]]
+        if np.isfinite(entry.ci95).all() and 0.0 < after < 1.0:
+            ends = [end * factor for end in entry.ci95 for factor in (after, 1.0, 1.0 / after)]
+            model = with_interval(model, axis, (min(ends), max(ends)))
+    return model
 
 
 def _differ(gain: FloatArray, half_width: FloatArray) -> bool:
