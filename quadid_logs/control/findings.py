@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.control.margins import UNMODELLED_DELAY_S
+from quadid_logs.control.margins import MOST_UNMODELLED_DEG
 from quadid_logs.control.room import Room, figures, outermost, room_of
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated
 from quadid_logs.data.diagnosis import Finding
@@ -63,7 +63,7 @@ def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
     extrapolated = [axis for axis, found in loop.axes.items() if _extrapolated(found)]
     if extrapolated:
         known_hz = [rounded(loop.axes[axis].known_hz, 3) for axis in extrapolated]
-        known = {"known_to_hz": known_hz, "delay_allowed_s": UNMODELLED_DELAY_S}
+        known = {"known_to_hz": known_hz, "phase_allowed_deg": rounded(MOST_UNMODELLED_DEG, 2)}
         yield finding("QL605", "info", known, axes=extrapolated)
 
 

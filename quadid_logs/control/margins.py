@@ -3,12 +3,14 @@
 Every figure is computed for all drawn vehicles at once. Its interval runs from the 2.5 to the 97.5 %
 quantile over them; a drawn vehicle whose loop is unstable has no margin left, and counts as zero. Above the
 frequency up to which measurement supports the model, unmodelled dynamics may take phase away: each figure is
-computed a second time with a further delay there, and the interval covers both.
+computed a second time with a further loss of phase there, and the interval covers both.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -19,12 +21,16 @@ from quadid_logs.data.closed_loop import Estimated, Margins
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.normal import ENDS_95
 
-#: Of dynamics that nobody measured: two steps of a slow control loop, an output board's queue (5.4 ms is
-#: documented of one), a stiff frame's first mode.
-UNMODELLED_DELAY_S: Final = 0.005
+#: Phase that dynamics which nobody measured may take far above what is known [deg]: see `unmodelled`.
+MOST_UNMODELLED_DEG: Final = math.degrees(0.5 * math.pi - math.sqrt(2.0))
 #: Where modes of frames are, and a third of the relative half width of the sharpest of them.
 _MODES_HZ: Final = (5.0, 75.0)
 _FINE_STEP: Final = 0.003
+#: Times what is known, up to where the loss of phase is computed, and at how many places.
+_FAR: Final = 100.0
+_N_LOST: Final = 400
+#: No response is known below this [Hz].
+_LOWEST_KNOWN_HZ: Final = 0.01
 #: Points of loops that are looked at at once: arrays of half a megabyte, which stay in the processor's cache.
 POINTS_AT_ONCE: Final = 60_000
 
@@ -72,14 +78,38 @@ def unmodelled(frequency_hz: FloatArray, known_hz: float) -> ComplexArray:
     ----------
     frequency_hz : ndarray, shape (n_frequencies,)
     known_hz : float
-        Up to where measurement supports the model: the phase of the delay grows from there.
+        Up to where measurement supports the model: phase is lost from there.
 
     Returns
     -------
     ndarray of complex, shape (n_frequencies,)
+
+    Notes
+    -----
+    A delay, be it of a slow loop or of an output board's queue, is in the model: the response up to
+    ``known_hz`` shows it, whatever makes it. What that does not show is how phase bends away from a delay
+    further up. A low-pass of the second order (Butterworth: a driver's, a sensor's) loses
+    p(x) = arg(1 - x^2 + j sqrt(2) x) at x times its cut-off c. As much of that as is a delay by what the band
+    shows is known; p(f / c) - f / known_hz p(known_hz / c) is not. Over all c above the band that is at most
+    4.4 degrees at twice ``known_hz``, 6.5 at three times, and pi / 2 - sqrt(2), 9 degrees, far above. What
+    resonates is drawn as a mode of the frame (`flexible_mode`).
     """
-    beyond_hz = np.maximum(frequency_hz - known_hz, 0.0)
-    return np.asarray(np.exp(-2j * np.pi * beyond_hz * UNMODELLED_DELAY_S), dtype=np.complex128)
+    ratio, lost_rad = _most_lost()
+    over = np.maximum(frequency_hz / max(known_hz, _LOWEST_KNOWN_HZ), 1.0)
+    return np.asarray(np.exp(-1j * np.interp(np.log(over), ratio, lost_rad)), dtype=np.complex128)
+
+
+@cache
+def _most_lost() -> tuple[FloatArray, FloatArray]:
+    """Return logarithms of f over what is known, and the most phase that is lost there [rad]."""
+    over = np.geomspace(1.0, _FAR, _N_LOST)
+    of_cutoff = np.geomspace(1.0 / _FAR, 1.0, _N_LOST)[:, np.newaxis]
+
+    def lost(x: FloatArray) -> FloatArray:
+        return np.asarray(np.arctan2(math.sqrt(2.0) * x, 1.0 - x**2))
+
+    beyond = lost(of_cutoff * over) - over * lost(of_cutoff)
+    return np.log(over), np.asarray(np.max(beyond, axis=0))
 
 
 def margins_of(

@@ -677,8 +677,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL605",
                 "The margins rest on frequencies that were not measured",
                 "The loop's stability depends on frequencies above those that the flight shows. Something "
-                "unmeasured may take phase away there: the margins' intervals allow for a further delay "
-                "of 5 ms. A bending frame may add gain: they allow for the modes that the log does not "
+                "unmeasured may take phase away there: the margins' intervals allow for a low-pass, up to 9 "
+                "degrees. A bending frame may add gain: they allow for the modes that the log does not "
                 "rule out.",
                 "Fly a system-ID chirp up to twice the crossover, or quicker manoeuvres.",
                 scope="loop",
@@ -974,8 +974,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL639",
                 "The promise rests on frequencies that were not measured",
-                "Above what the flight shows, the promised margins allow for a further delay of 5 ms, and "
-                "for modes of the frame that the log does not rule out.",
+                "Above what the flight shows, the promised margins allow for a low-pass that takes up to 9 "
+                "degrees, and for modes of the frame that the log does not rule out.",
                 "Fly a system-ID chirp up to twice the crossover for a narrower promise.",
                 scope="gains",
             ),

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from quadid_logs.control.command_units import in_degrees
-from quadid_logs.control.margins import UNMODELLED_DELAY_S
+from quadid_logs.control.margins import MOST_UNMODELLED_DEG
 from quadid_logs.control.room import outermost
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
 from quadid_logs.data.result import Result
@@ -164,7 +164,8 @@ def _table(loop: ClosedLoop) -> Table | None:
         head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [ms]", "disk", "peak of S"),
         rows=tuple(rows),
         note="Small: the 95 % interval. Where extrapolated, the "
-        f"interval allows for {number(1e3 * UNMODELLED_DELAY_S)} ms more delay above what was measured.",
+        f"interval allows for up to {number(MOST_UNMODELLED_DEG, 2)} degrees less phase above what was "
+        "measured.",
     )
 
 
