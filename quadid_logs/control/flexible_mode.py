@@ -265,7 +265,7 @@ def _unexplained(
     -----
     Where a window is driven well above the noise, it is seen. A gain that is off by a fraction e leaves
     e^2, a delay that is off by t (2 pi f t)^2: both are fitted, and hold where nothing is driven as much.
-    Rotors are not linear, and leave more at some lines: as much as 97.5 % of those that are seen.
+    Rotors are not linear, and leave more at some lines: as much more as at 97.5 % of those that are seen.
     """
     from scipy.optimize import nnls
 
@@ -277,9 +277,8 @@ def _unexplained(
     scale = of_gain_and_delay[-1]
     fitted, _ = nnls(of_gain_and_delay[line] / scale, share)
     fraction = np.asarray(of_gain_and_delay @ (fitted / scale), dtype=np.float64)
-    if not fraction.any():
-        return fraction
-    return fraction * max(float(np.quantile(share / fraction[line], ENDS_95[1])), 1.0)
+    most = float(np.quantile(share - fraction[line], ENDS_95[1]))
+    return fraction + max(most, 0.0)
 
 
 def _columns(segment: Segment, number: int) -> FloatArray:

@@ -147,7 +147,7 @@ class Plant(NamedTuple):
     ) -> NDArray[np.complex128]:
         """Return the response of all, worked out for a few at once."""
         found = np.empty((self.effectiveness.size, n_frequencies), dtype=np.complex128)
-        n_rows = max(_POINTS_AT_ONCE // n_frequencies, 1)
+        n_rows = max(_POINTS_AT_ONCE // max(n_frequencies, 1), 1)
         for row in range(0, len(found), n_rows):
             found[row : row + n_rows] = response(self.at(slice(row, row + n_rows)))
         return found

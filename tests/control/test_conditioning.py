@@ -106,3 +106,8 @@ def test_no_vehicle_gets_a_negative_time() -> None:
     moved = conditioned(given, seen(late(given, -1e-3), given), HOLD_S, FITTED_HZ, crosses_above=True)
     assert moved.lag_s.min() >= 0.0
     assert moved.delay_s.min() >= 0.0
+
+
+def test_a_flight_that_tells_no_frequency_has_an_empty_response() -> None:
+    """No line of the rate is above the noise: nothing is compared, and nothing ends."""
+    assert plants().response(np.zeros(0), HOLD_S).shape[1] == 0
