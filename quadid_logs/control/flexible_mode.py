@@ -207,10 +207,8 @@ def _noise(
     n_independent = INDEPENDENT * np.where(known, n_quiet, 0.0)
     if np.count_nonzero(known) < _FEWEST_LINES:
         return None
-    mean, loud = (
-        _surroundings(frequency_hz, power, n_independent),
-        np.zeros(frequency_hz.size, dtype=np.bool_),
-    )
+    mean = _surroundings(frequency_hz, power, n_independent)
+    loud = np.zeros(frequency_hz.size, dtype=np.bool_)
     for _ in range(_ROUNDS):
         of_driven = unexplained * driven_power / mean
         loud |= of_driven > 1.0

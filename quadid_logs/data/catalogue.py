@@ -619,10 +619,11 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The vehicle's balance moved in flight: a motor may have lost thrust",
                 "The thrust that holds the vehicle level moved to another place during the flight. A load "
                 "that slips does that, and so does a motor that loses thrust. A motor that gives less lowers "
-                "the effectiveness of the axes that it turns. The evidence says to which fraction of what it "
-                "was before. The interval holds both.",
-                "Look at the motor or the load. Then fly once more, or analyze the parts before and after by "
-                "themselves, with --start-s and --end-s.",
+                "the effectiveness of the axes that it turns. The evidence gives the effectiveness "
+                "afterwards as a fraction of that before. The interval holds both.",
+                "Before the next flight, look at the motors, the propellers and the load. For a narrower "
+                "interval, analyze the flight before and after the change separately, with --start-s and "
+                "--end-s.",
             ),
             _entry(
                 "QL512",

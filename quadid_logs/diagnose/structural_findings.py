@@ -160,7 +160,12 @@ def find_in_rotors(identification: Identification, rotors: Rotors | None) -> Ite
         yield finding("QL536", "info", evidence)
         return
     evidence |= {"rotor": lost.rotor + 1, "time_s": rounded(lost.time_s, 3)}
-    yield finding("QL536", "warning", evidence, title="A motor lost thrust in flight, and with it each axis")
+    yield finding(
+        "QL536",
+        "warning",
+        evidence,
+        title="A motor lost thrust in flight, and the effectiveness fell with it",
+    )
 
 
 def _coarse_steps(data: FlightData, numbers: Sequence[int]) -> Iterator[Finding]:

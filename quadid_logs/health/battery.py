@@ -63,7 +63,7 @@ def find_battery(
     n_cells = fitting[0] if len(fitting) == 1 else 0
     sag = None if throttle is None else _sag(record, throttle)
     # What neither falls nor sags, at a voltage of no battery, is an input that was left open.
-    if sag is None and start - lowest < _FALLS_V and not _fitting(float(means.max())):
+    if sag is None and start - lowest < _FALLS_V and not fitting:
         return None
     level: Level = "fact"
     if n_cells:

@@ -8,7 +8,7 @@ the first along its arm and the second in the sense of its spin; a load moves th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -209,18 +209,11 @@ def _lost(
     names: Sequence[str],
 ) -> Iterator[RotorFault]:
     """Yield the rotor that lost thrust, if one alone explains how the balances moved."""
-    place = sent.place
-    n_lines = len(_lines(place))
-    found = []
-    for rotor, change in enumerate(changes):
-        if change is None or not change.size.value > 0.0 or not change.p_value * n_lines < _OF_EACH:
-            continue
-        fit = _fit_change(balances, place, rotor, change)
+    for rotor, change, p_value in _moved(changes, sent.place):
+        fit = _fit_change(balances, sent.place, rotor, change)
         # What moves the centre of thrust alone is a load, or the wind.
-        if fit is not None and fit.yaw_agrees and _is_the_rotor(fit, balances, sent, rate, change):
-            found.append((change.p_value * n_lines, -change.size.value, fit, change))
-    if found:
-        p_value, _, fit, change = min(found, key=lambda one: one[:2])
+        if fit is None or not fit.yaw_agrees or not _is_the_rotor(fit, balances, sent, rate, change):
+            continue
         time_s = float(balances.time_s[change.before.stop - 1])
         yield RotorFault(
             code=_LOST,
@@ -231,6 +224,18 @@ def _lost(
             sentence=f"{names[fit.rotor].capitalize()} lost {_percent(_loss(fit.gives))} of its thrust in "
             f"flight, {_when(balances, change)}.",
         )
+        return
+
+
+def _moved(changes: Sequence[Change | None], place: FloatArray) -> list[tuple[int, Change, float]]:
+    """Return the rotors along whose arms the centre of thrust moved, with the p-value; the clearest first."""
+    n_lines = len(_lines(place))
+    found = [
+        (rotor, change, change.p_value * n_lines)
+        for rotor, change in enumerate(changes)
+        if change is not None and change.size.value > 0.0 and change.p_value * n_lines < _OF_EACH
+    ]
+    return sorted(found, key=lambda one: (one[2], -one[1].size.value))
 
 
 def _is_the_rotor(
@@ -311,25 +316,21 @@ def _as_change(balances: _Balances, place: FloatArray, rotor: int, change: Chang
 
 
 def _axes_change(
-    changes: Sequence[Change | None], place: FloatArray, rotors: Iterable[int]
+    changes: Sequence[Change | None], place: FloatArray, rotors: Container[int]
 ) -> tuple[Quantity, ...]:
     """Return how the loss of one of these rotors changed each axis; nothing where the balance did not move.
 
     An axis' torque is shared out by arms, so that a rotor counts by its arm's square. Neither yaw nor what
     moved across the arm is asked: a load that slipped moves the balance, too, and changes nothing.
     """
-    n_lines, n_rotors, found = len(_lines(place)), len(place), []
-    for rotor in rotors:
-        change = changes[rotor]
-        if change is not None and change.size.value > 0.0 and change.p_value * n_lines < _OF_EACH:
-            found.append((change.p_value, -change.size.value, rotor, change))
+    found = [one for one in _moved(changes, place) if one[0] in rotors]
     if not found:
         return ()
-    _, _, rotor, change = min(found, key=lambda one: one[:2])
+    rotor, change, _ = found[0]
     reach, share = float(np.linalg.norm(place[rotor, :2])), directions(place) ** 2
     part = share[:, rotor] / share.sum(axis=1)
     low, middle, high = (
-        1.0 - part * (1.0 - _gives(float(np.clip(moved / reach, 0.0, 0.9)), n_rotors))
+        1.0 - part * (1.0 - _gives(float(np.clip(moved / reach, 0.0, 0.9)), len(place)))
         for moved in (change.size.value + sign * change.size.half_width for sign in (1.0, 0.0, -1.0))
     )
     return tuple(

@@ -11,7 +11,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.model import Effect
-from quadid_logs.identify.rotors import Rotors, lagged_speeds, rotors_known
+from quadid_logs.identify.rotors import Rotors, beside_linear_lag, rotors_known
 from quadid_logs.identify.spectral import SpectralSolution, command_records, spectra_of
 from quadid_logs.identify.torque_errors import half_steps
 from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
@@ -37,10 +37,6 @@ _TILT_1_S2 = (2.0 * np.pi * 0.4) ** 2
 #: Thrust goes with the throttle to a power of one to two: its slope, where nothing straightens the curve, to
 #: a power of none to one.
 _BY_THROTTLE = 0.5
-
-
-#: Of a thrust: rotors do not pull down.
-_LEAST = 1e-9
 
 
 class EffectColumn(NamedTuple):
@@ -359,17 +355,15 @@ def _late(
 ) -> FloatArray:
     """Return what rotors take from a torque that slow down later than they speed up; shape (n, 3).
 
-    Speed w follows its target w* with the lag T/(1 + a) upwards and T/(1 - a) downwards. With thrust w^2, a
-    linear lag T would have to be given w^2 + 2 w (w* - w) (1 +- a): the thrust's target, less the square of
-    w* - w, plus a times 2 w |w* - w|. The latter has no sign: of two rotors that a torque moves against each
-    other it cancels where both lack as much.
+    Speed follows with the lag T/(1 + a) upwards and T/(1 - a) downwards. What that adds to a thrust behind
+    the lag T has no sign: of two rotors that a torque moves against each other it cancels where both lack as
+    much.
     """
     per_thrust, by_torque = mixing
-    target = np.sqrt(np.maximum(torque @ by_torque.T + lift, _LEAST))
-    speed = lagged_speeds(target, period_s, rotors)
-    gap = target - speed
-    more = 2.0 * speed * np.abs(gap) * (rotors.down_s - rotors.up_s) / (rotors.down_s + rotors.up_s)
-    return np.asarray((gap**2 - more) @ per_thrust.T)
+    thrust = np.maximum(torque @ by_torque.T + lift, 0.0)
+    lag_s = 2.0 / (1.0 / rotors.up_s + 1.0 / rotors.down_s)
+    change, _ = beside_linear_lag(thrust, np.sqrt(thrust), period_s, rotors, lag_s)
+    return np.asarray(-change @ per_thrust.T)
 
 
 def _mixing(described: InputDescription | None) -> tuple[FloatArray, FloatArray]:

@@ -157,11 +157,41 @@ def equivalent_torque(
     if thrust is None or torque_per_thrust is None:
         return segment.torque
     target = np.sqrt(thrust)
+    change, reacting = beside_linear_lag(thrust, target, period_s, rotors, rotors.mean_s)
+    reacting *= 2.0 * target.mean()
+    found = np.empty((len(target), 4))
+    np.add(segment.torque, change @ torque_per_thrust.T, out=found[:, :3])
+    np.matmul(reacting, torque_per_thrust[2], out=found[:, 3])
+    return found
+
+
+def beside_linear_lag(
+    thrust: FloatArray, target: FloatArray, period_s: float, rotors: Rotors, lag_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return what thrusts and speeds a linear lag would have to be given to act as rotors with their own do.
+
+    Parameters
+    ----------
+    thrust, target : ndarray, shape (n_samples, n_rotors)
+        What was commanded, and its square root: the speeds.
+    period_s : float
+        Between samples [s].
+    rotors : Rotors
+    lag_s : float
+        The linear lag [s].
+
+    Returns
+    -------
+    change : ndarray, shape (n_samples, n_rotors)
+        To be added to the thrusts: F + T dF/dt = w^2 + 2 w (w* - w) T / T_w less F*, with the T_w of the
+        direction.
+    speed : ndarray, shape (n_samples, n_rotors)
+        w + (w* - w) T / T_w.
+    """
     speed = lagged_speeds(target, period_s, rotors)
     gap = target - speed
-    # F + T dF/dt, with the T of the direction in dw/dt and the mean of both before dF/dt.
     # In place: a search makes this torque hundreds of times, and new memory takes longer than the sums.
-    fraction = np.where(gap > 0.0, rotors.mean_s / rotors.up_s, rotors.mean_s / rotors.down_s)
+    fraction = np.where(gap > 0.0, lag_s / rotors.up_s, lag_s / rotors.down_s)
     change, step = speed**2, 2.0 * speed
     step *= gap
     step *= fraction
@@ -169,11 +199,7 @@ def equivalent_torque(
     change -= thrust
     fraction *= gap
     fraction += speed
-    fraction *= 2.0 * target.mean()
-    found = np.empty((len(target), 4))
-    np.add(segment.torque, change @ torque_per_thrust.T, out=found[:, :3])
-    np.matmul(fraction, torque_per_thrust[2], out=found[:, 3])
-    return found
+    return change, fraction
 
 
 def lagged_speeds(target: FloatArray, period_s: float, rotors: Rotors) -> FloatArray:
