@@ -359,6 +359,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 scope="vehicle",
             ),
             _entry(
+                "QL436",
+                "A motor stood still while it was told to turn",
+                "For a second or longer one motor turned less than half as fast as the slowest other, "
+                "although its command was higher than theirs. If the vehicle flew well meanwhile, only the "
+                "speed was not measured.",
+                "Take the propellers off and run each motor on the bench. If this one does not turn, look "
+                "at its wires, solder joints, winding and ESC; if it does, look at the ESC's telemetry.",
+                scope="vehicle",
+            ),
+            _entry(
                 "QL501",
                 "The short windows of the published method are filled with noise",
                 "The published method solves each window of a few samples by itself. Consecutive samples "

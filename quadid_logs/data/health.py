@@ -473,12 +473,32 @@ class Rotors(Topic):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Standstill(Topic):
+    """A rotor that hardly turned although it was sent more than the others: looked for in the air or not.
+
+    Attributes
+    ----------
+    rotor : int
+        Which one, from 0.
+    time_s : float
+        When it began.
+    length : Quantity
+    """
+
+    rotor: int
+    time_s: float
+    length: Quantity
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
     """What a log shows of its flight; ``missing`` says of a topic that is None which signal it lacks.
 
     ``rates`` stands in for ``tracking`` where set-points are not logged, ``torque`` for ``motors``: without
-    them nothing is missing.
+    them nothing is missing. ``standstill`` is there where one was found.
     """
+
+    standstill: Standstill | None = None
 
     tracking: Tracking | None = None
     rates: Course | None = None
@@ -500,6 +520,7 @@ class Health:
     def topics(self) -> Mapping[str, Topic]:
         """Those that the log tells of, by name, the most urgent first."""
         found: dict[str, Topic | None] = {
+            "standstill": self.standstill,
             "oscillation": self.oscillation,
             "rotors": self.rotors,
             "tracking": self.tracking,

@@ -124,7 +124,7 @@ def _said(topic: Topic) -> str:
 
 def _reason(health: Health, name: str) -> str:
     if name in _INSTEAD:
-        return _INSTEAD[name] if health.topics else _reason(health, "tracking")
+        return _INSTEAD[name] if health.topics.keys() - {"standstill"} else _reason(health, "tracking")
     told = health.missing.get("noise" if name == "maps" else name, "the log holds too little")
     return f"{printable(told[:1].upper() + told[1:], 200)}."
 

@@ -10,13 +10,15 @@ import numpy as np
 from quadid_logs.align import Prepared
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.health import Health
+from quadid_logs.data.health import Health, Standstill
 from quadid_logs.health.battery import find_battery
+from quadid_logs.health.commanded import commanded_thrust
 from quadid_logs.health.course import find_rates, find_throttle, find_thrust, find_tilt, find_torque
-from quadid_logs.health.motors import find_motors
+from quadid_logs.health.motors import find_motors, motor_names
 from quadid_logs.health.noise import find_noise
 from quadid_logs.health.oscillation import find_oscillation
 from quadid_logs.health.rotors import find_rotors
+from quadid_logs.health.standstill import find_standstill
 from quadid_logs.health.steps import find_angle_lags, find_responses, find_steps
 from quadid_logs.health.tracking import find_tracking
 from quadid_logs.health.vibration import find_vibration
@@ -78,8 +80,9 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     reason = "" if intervals else data.on_ground_reason or "no flight was found"
     if prepared.log.vehicle_type not in (MULTIROTOR, "unknown"):
         reason = "this is not a multirotor"
+    standstill = _standstill(prepared)
     if reason:
-        return Health(missing=dict.fromkeys(_NEEDS, reason))
+        return Health(standstill=standstill, missing=dict.fromkeys(_NEEDS, reason))
     series = {name: one for name, one in prepared.series.items() if one.n_samples >= 2}
     rate, asked = series.get("body_rate"), series.get("body_rate_setpoint")
     angle, asked_angle = series.get("attitude"), series.get("attitude_setpoint")
@@ -134,7 +137,20 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     found |= _in_place_of(found, series, intervals)
     if asked is not None and not rate_loop:
         missing |= dict.fromkeys(("tracking", "steps"), _FED_FORWARD)
-    return Health(**found, missing=missing)
+    return Health(**found, standstill=standstill, missing=missing)
+
+
+def _standstill(prepared: Prepared) -> Standstill | None:
+    """Look at all of the log: a vehicle with a motor that stands still does not fly for long."""
+    speed, motors = prepared.series.get("rotor_speed"), prepared.series.get("motor_thrust")
+    if speed is None or speed.n_samples < 2:
+        return None
+    sent = commanded_thrust(prepared)
+    outputs = motors if sent is None else sent.series
+    if outputs is None or outputs.n_samples < 2:
+        return None
+    n_rotors = outputs.n_columns if sent is None else len(sent.place)
+    return find_standstill(outputs, speed, motor_names(prepared.log.torque, n_rotors))
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")

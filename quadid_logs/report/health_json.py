@@ -20,6 +20,7 @@ from quadid_logs.data.health import (
     Quantity,
     RotorFault,
     Rotors,
+    Standstill,
     Steps,
     Topic,
     Tracking,
@@ -63,6 +64,7 @@ def health_dict(health: Health) -> dict[str, Any]:
         "battery": _topic(health.battery, _battery),
         "oscillation": _topic(health.oscillation, _oscillation),
         "rotors": _topic(health.rotors, _rotors),
+        "standstill": _topic(health.standstill, _standstill),
         "missing": dict(health.missing),
     }
 
@@ -108,6 +110,14 @@ def _steps(steps: Steps) -> dict[str, Any]:
             }
             for axis, one in steps.axes.items()
         }
+    }
+
+
+def _standstill(standstill: Standstill) -> dict[str, Any]:
+    return {
+        "rotor": standstill.rotor + 1,
+        "time_s": standstill.time_s,
+        "length": _quantity(standstill.length),
     }
 
 

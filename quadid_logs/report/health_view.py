@@ -18,6 +18,7 @@ from quadid_logs.vocabulary import AXES
 
 #: Of each topic, what it is called.
 TOPICS: Final = {
+    "standstill": "Motor at a standstill",
     "oscillation": "Oscillation",
     "rotors": "Rotors",
     "tracking": "Rates against set-points",
@@ -34,7 +35,7 @@ TOPICS: Final = {
     "battery": "Battery",
 }
 #: They show what others cannot: without them nothing is missing.
-_NEVER_MISSING: Final = ("rates", "tilt", "torque", "thrust")
+_NEVER_MISSING: Final = ("standstill", "rates", "tilt", "torque", "thrust")
 #: Of each judgement, its colour on the page; a number without one has none.
 _STYLES: Final = {"normal": "usable", "high": "caution", "severe": "refused", "fact": ""}
 #: Where the recommended gains of an axis go, if it oscillates. The other ways lead nowhere that is known.
