@@ -52,13 +52,11 @@ def by_speeds(segment: Segment, mixing: FloatArray, speed: FloatArray, axis: int
 
 def _per_torque(target: FloatArray, torque: FloatArray, rate: FloatArray, period_s: float) -> float:
     """Return acceleration over the torque by speeds: the real part behind the delay that makes it largest."""
-    settings = {"fs": 1.0 / period_s, "nperseg": round(WINDOW_S / period_s)}
-    settings["noverlap"] = 3 * settings["nperseg"] // 4
-    hz, with_torque = signal.csd(target, torque, **settings)
-    with_rate, coherence = (
-        signal.csd(target, rate, **settings)[1],
-        signal.coherence(target, rate, **settings)[1],
-    )
+    rate_hz, n = 1.0 / period_s, round(WINDOW_S / period_s)
+    beside = 3 * n // 4
+    hz, with_torque = signal.csd(target, torque, rate_hz, nperseg=n, noverlap=beside)
+    with_rate = signal.csd(target, rate, rate_hz, nperseg=n, noverlap=beside)[1]
+    coherence = signal.coherence(target, rate, rate_hz, nperseg=n, noverlap=beside)[1]
     used = (hz >= BAND_HZ[0]) & (hz <= BAND_HZ[1])
     hz, response = hz[used], (2j * np.pi * hz * with_rate / with_torque)[used]
     weight = (coherence / (1.001 - coherence))[used]
