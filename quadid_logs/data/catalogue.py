@@ -165,9 +165,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL306",
                 "No attitude at a useful rate",
-                "The structure with angles (linear-9) needs roll, pitch and yaw; it is left out or rests "
-                "on interpolated angles. The other structures do not need them.",
-                "Log the attitude as fast as the body rates if you want linear-9.",
+                "Only the structure with angles (linear-9) needs the attitude. It is left out, or its angles "
+                "are interpolated.",
+                "Nothing to do, unless you want linear-9: then log the attitude as fast as the body rates.",
                 step="set",
             ),
             _entry(
@@ -388,8 +388,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The interval is too wide",
                 "The data fit values of the control effectiveness that are far apart. Where the ends of "
                 "the interval differ by less than a factor of 3, the number is given as a caution: it "
-                "shows the order of magnitude only, and comparisons, inertia and tuning do not use it. "
-                "Beyond that no number is given.",
+                "shows the order of magnitude only, and comparisons and tuning do not use it. Beyond that no "
+                "number is given.",
                 f"Fly longer. {_ENOUGH}",
                 step="fly",
             ),
@@ -547,7 +547,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The torque does not build up like that of one first-order lag: rotors spin down more "
                 "slowly than up, or another filter lies between. The interval is wide enough to allow for "
                 "that.",
-                "Describe the rotors in --vehicle FILE.toml, and log the motor outputs.",
+                "Log the motor outputs, and describe the rotors with --vehicle FILE.toml, where either is "
+                "missing.",
             ),
             _entry(
                 "QL528",
@@ -694,9 +695,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL607",
-                "A line above the fitted band bounds the gain margin",
-                "The spectrum of the rate has a line there: an arm, a mount or a load that bends, or a "
-                "propeller. What bends adds gain to the loop. The gain margin and its interval allow for it.",
+                "A peak above the fitted band bounds the gain margin",
+                "The spectrum of the rate has a peak there, strong or weak: an arm, a mount or a load that "
+                "bends, or a propeller. What bends adds gain to the loop. The gain margin and its interval "
+                "allow for it.",
                 "Look for what bends or is loose, and stiffen it; or put a notch at that frequency. Do "
                 "not raise gains before that.",
                 scope="loop",

@@ -164,7 +164,7 @@ def _estimate_axis(effect: _Effect) -> tuple[Axis, str]:
         reach.append(float(np.quantile(np.abs(finite - centre), _SHOWN_FRACTION)))
     half = 1.15 * max((value for value in reach if np.isfinite(value)), default=0.0) or max(abs(centre), 1.0)
     outside = float(np.mean(np.abs(finite - centre) > half)) if finite.size else 0.0
-    note = f"{outside:.0%} of the windows lie outside" if outside >= 0.005 else ""
+    note = f"{100.0 * outside:.0f} % of the windows lie outside" if outside >= 0.005 else ""
     return Axis(label=effect.name, unit=effect.unit, low=centre - half, high=centre + half), note
 
 

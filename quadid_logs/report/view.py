@@ -210,7 +210,7 @@ def _model_sentence(result: Result, model: Model | None) -> str:
         if isfinite(actuator.lag_up_s) and actuator.lag_up_s != actuator.lag_down_s:
             up, down = number(actuator.lag_up_s * 1e3, 3), number(actuator.lag_down_s * 1e3, 3)
             parts.append(f"The rotors speed up in {up} ms and slow down in {down} ms.")
-        if model.yaw_reaction is not None:
+        if model.yaw_reaction is not None and not refused_axes(result)[AXES.index("yaw")]:
             lead = _milliseconds(model.yaw_reaction.lead_s, *model.yaw_reaction.ci95_s, known=True)
             parts.append(f"Rotors that speed up turn the vehicle too: yaw leads its torque by {lead}.")
     if input_unit(result) == "1":

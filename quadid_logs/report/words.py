@@ -36,7 +36,7 @@ _PHRASES: Final[Mapping[str, str]] = MappingProxyType(
         "cutoff": "cut-off of the filter",
         "file_bytes": "bytes in the file",
         "found": "signals found",
-        "gain": "gain B",
+        "gain": "effectiveness B",
         "gain_db": "gain margin [dB]",
         "gap_free": "flight without gaps",
         "gaps": "number of gaps",
