@@ -128,7 +128,8 @@ def _followed(axes: Mapping[str, AxisTracking]) -> str:
     verb = "misses" if len(beyond) == 1 else "miss"
     return (
         f"{listed(beyond).capitalize()} {verb} by as much as the set-points move, or more: gusts, vibration, "
-        "an oscillation or a limit move the vehicle instead. That is normal only in a hover without commands."
+        "an oscillation or a limit move the vehicle instead. That is normal only in a hover without commands "
+        "or while a system-ID run moves the motors."
     )
 
 

@@ -362,10 +362,11 @@ def _judged(expo: AssumedExpo, found: _Found, scale: float) -> tuple[ThrustCurve
         varied = f"thrust varied by a factor of {found.thrust_ratio:.3g}"
         enough = found.thrust_ratio >= _THRUST_TO_FLY
         reason = (
-            f"{varied}, but other effects on roll and pitch hide the curve; in calm air, move the sticks while "
-            "you climb and descend"
+            f"{varied}, but other effects on roll and pitch hide the curve; in calm air, move the sticks "
+            "while you climb and descend"
             if enough
-            else f"{varied}, and more was not flown; climb and descend so that it varies by {_THRUST_TO_FLY:g}"
+            else f"{varied}, and more was not flown; climb and descend so that it varies by "
+            f"{_THRUST_TO_FLY:g}"
         )
     if not reason and not _POSSIBLE[0] <= value <= _POSSIBLE[1]:
         reason = "the effectiveness changes with thrust more than any propeller's curve makes it"

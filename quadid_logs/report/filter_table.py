@@ -100,7 +100,7 @@ def _note(costs: Sequence[FilterCost], crossover_hz: Estimated | None, lines: Se
         )
         if any(len(set(cost.centre_hz)) > 1 for cost in costs):
             parts.append(
-                "A notch that follows the rotors is taken to stay on their line; at any other line, its mean power "
-                "counts."
+                "A notch that follows the rotors is taken to stay on their line; at any other line, its mean "
+                "power counts."
             )
     return " ".join(parts)

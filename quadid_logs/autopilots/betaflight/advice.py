@@ -63,8 +63,8 @@ class BetaflightAdvice(Advice):
 
     remedies = MappingProxyType(
         {
-            "QL306": "Nothing to do, unless you want linear-9: firmware 2025.12 and later logs the attitude, if "
-            "it is among the logged fields.",
+            "QL306": "Nothing to do, unless you want linear-9: firmware 2025.12 and later logs the attitude, "
+            "if it is among the logged fields.",
             "QL401": "Use a log with a flight of at least half a minute; of a file that holds several, info "
             "lists them and --log N chooses one. If you did fly, fetch the whole file again.",
             "QL604": "Keep profiles and gains as they are during the flight, without adjustments by a "
