@@ -859,7 +859,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL621",
                 "The firmware version that flew is unknown",
                 "The log does not say which version of the control law flew.",
-                "Log with the firmware's version, as every current firmware does.",
+                "Fly with a current firmware: it writes its version into the log.",
                 step="set",
                 scope="gains",
             ),

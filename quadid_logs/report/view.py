@@ -244,16 +244,16 @@ def _validation_sentence(model: Model | None, spectral: Sequence[SpectralFit] = 
         if axis not in by_commands
     ]
     simulated = (
-        f"{seconds(model.validation.held_out_s)} of the flight were kept from the fit. There, in the fitted "
-        f"band, the rates simulated from the torque explain {listed(told)}."
+        f"{seconds(model.validation.held_out_s)} of the flight are validation data, which the fit did not use. "
+        f"There, in the fitted band, the rates simulated from the torque explain {listed(told)}."
         if told
         else ""
     )
     # What wind did cannot be simulated: there, only what was commanded tells how good a model is.
     commanded = [f"{percent(value)} of {axis}" for axis, value in by_commands.items()]
     of_commands = (
-        f"Wind or another effect moved the vehicle as well as its commands. Of the acceleration that was "
-        f"commanded, the model explains {listed(commanded)}."
+        "Wind or another effect moved the vehicle, too, so its response to commands is judged: of the "
+        f"commanded acceleration, the model explains {listed(commanded)}."
         if commanded
         else ""
     )
