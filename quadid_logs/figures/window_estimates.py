@@ -69,7 +69,7 @@ def _against_condition(model: Model, windows: Windows) -> Figure:
     panels = tuple(_condition_panel(effect, windows) for effect in _effects(model, windows))
     caption = (
         f"Each point is one window of {windows.width} samples ({windows.period_s * 1e3:.3g} ms apart), its "
-        "columns scaled. Further right, a larger condition number amplifies small errors of the log: the points "
+        "columns scaled. Further right, a larger condition number amplifies small errors of the log: points "
         "scatter. The line with its band is the pooled estimate with its 95 % interval. If the "
         "median of the windows stays on the line, windows and pooled estimate agree."
     )

@@ -245,7 +245,7 @@ def _validation_sentence(model: Model | None, spectral: Sequence[SpectralFit] = 
     ]
     simulated = (
         f"{seconds(model.validation.held_out_s)} of the flight are validation data, which the fit did not use. "
-        f"There, in the fitted band, the rates simulated from the torque explain {listed(told)}."
+        f"In the fitted band, the rates simulated from the torque explain {listed(told)}."
         if told
         else ""
     )
