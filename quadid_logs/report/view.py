@@ -244,8 +244,8 @@ def _validation_sentence(model: Model | None, spectral: Sequence[SpectralFit] = 
         if axis not in by_commands
     ]
     simulated = (
-        f"{seconds(model.validation.held_out_s)} of the flight are validation data, which the fit did not use. "
-        f"In the fitted band, the rates simulated from the torque explain {listed(told)}."
+        f"{seconds(model.validation.held_out_s)} of the flight are validation data, which the fit did not "
+        f"use. In the fitted band, the rates simulated from the torque explain {listed(told)}."
         if told
         else ""
     )
