@@ -157,7 +157,7 @@ def _estimate_axis(effect: _Effect) -> tuple[Axis, str]:
     finite = effect.estimates[np.isfinite(effect.estimates)]
     pooled = effect.pooled
     if not finite.size and pooled is None:
-        return Axis(label=effect.name, unit=effect.unit, low=-1.0, high=1.0), "no finite estimate"
+        return Axis(label="estimate", unit=effect.unit, low=-1.0, high=1.0), "no finite estimate"
     centre = pooled.value if pooled is not None else float(np.median(finite))
     reach = [abs(value - centre) for value in (pooled.ci95 if pooled is not None else ())]
     if finite.size:
@@ -165,7 +165,7 @@ def _estimate_axis(effect: _Effect) -> tuple[Axis, str]:
     half = 1.15 * max((value for value in reach if np.isfinite(value)), default=0.0) or max(abs(centre), 1.0)
     outside = float(np.mean(np.abs(finite - centre) > half)) if finite.size else 0.0
     note = f"{100.0 * outside:.0f} % of the windows lie outside" if outside >= 0.005 else ""
-    return Axis(label=effect.name, unit=effect.unit, low=centre - half, high=centre + half), note
+    return Axis(label="estimate", unit=effect.unit, low=centre - half, high=centre + half), note
 
 
 def _pooled_marks(effect: _Effect) -> tuple[tuple[Band, ...], tuple[Level, ...]]:
