@@ -515,8 +515,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "less than above it: a dead zone, friction, or coarse steps of the outputs. The "
                 "effectiveness depends on the size of the manoeuvre. The interval covers the "
                 "effectiveness outside the dead zone.",
-                "Look for a dead band in the mixer or the speed controllers. Manoeuvres well above it show the "
-                "full effectiveness of this axis.",
+                "Look for a dead band in the mixer or the speed controllers. Manoeuvres well above it show "
+                "the full effectiveness of this axis.",
             ),
             _entry(
                 "QL524",
@@ -524,8 +524,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Above some torque, more command hardly adds motion: outputs are limited, and the log "
                 "does not say so. The effectiveness of small torques is higher than the estimate; the "
                 "interval covers it where it can.",
-                "Log motor outputs as fast as the torque. Without them, keep the manoeuvres of this axis below "
-                "the limit.",
+                "Log motor outputs as fast as the torque. Without them, keep the manoeuvres of this axis "
+                "below the limit.",
             ),
             _entry(
                 "QL525",
@@ -654,8 +654,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "with another control effectiveness than the one identified from torque and rates. One of "
                 "the two is biased: the controller is not the one of the parameters, or something other "
                 "than torque moved the vehicle.",
-                "Check that no gain was changed in flight, and fly the manoeuvres of this axis again, in calm "
-                "air.",
+                "Check that no gain was changed in flight, and fly the manoeuvres of this axis again, in "
+                "calm air.",
             ),
             _entry(
                 "QL603",
