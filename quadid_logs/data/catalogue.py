@@ -582,10 +582,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Yaw comes from a slow log",
                 "Rates and torque were logged too slowly for roll and pitch. Yaw is slow enough: its "
                 "response to set-points between 0.3 and 2.5 Hz gives its effectiveness. The interval "
-                "allows 5 % for what happened between the samples. Held-out flight cannot confirm it, "
+                "allows 5 % for what happened between the samples. Validation data cannot confirm it, "
                 "because gusts move the vehicle as much as its commands do.",
-                "Compare this yaw only with flights that were logged alike. Log rates and torque at 40 Hz or "
-                "more for a model that can be confirmed.",
+                "Compare this yaw only with flights that were logged alike. A model that can be confirmed "
+                "takes a faster log.",
             ),
             _entry(
                 "QL533",
