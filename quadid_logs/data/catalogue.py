@@ -259,7 +259,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL402",
                 "The flight is too short",
-                "There is less gap-free flight than a model and its check on held-out data need.",
+                "There is less gap-free flight than a model and its check on validation data need.",
                 "Fly for a minute with the manoeuvre, without landing in between. If --start-s or --end-s "
                 "chose a part of the flight, choose a longer one.",
             ),
