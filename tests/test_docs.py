@@ -7,6 +7,7 @@ import json
 import re
 import shlex
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -57,6 +58,15 @@ def test_the_template_of_an_autopilot_stands_in_the_docs() -> None:
     included = re.findall(r'^--8<-- "(.+)"$', page, re.MULTILINE)
     assert included == ["tests/autopilots/toy.py"]
     assert (DOCS.parent / included[0]).is_file()
+
+
+def test_the_term_of_the_page_is_one() -> None:
+    """Its program is run as it stands: a structure with the new column among those of the package."""
+    page = (DOCS / "extending.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    found: dict[str, Any] = {}
+    exec(code, found)
+    assert found["structure"].regressors == ("p", "q", "r", "qr", "pr", "pq", "1", "p|p|")
 
 
 def console_pages() -> list[tuple[str, str]]:

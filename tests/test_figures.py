@@ -411,6 +411,33 @@ def test_the_gyro_s_noise_before_its_filter_is_what_the_filter_took(usable: Resu
     assert before.x.max() < 40.0 * 10.0**0.5 < after.x.max()
 
 
+def test_the_model_s_yaw_has_the_reaction_of_its_rotors(usable: Result) -> None:
+    """B + s b: without it the line fell where the log's response rose, on an axis that is usable."""
+    model = usable.identification.models[0]
+    a = np.column_stack([np.zeros_like(model.A), [0.0, 0.0, 3.0]])
+    regressors = (*model.regressors, "N_dot")
+    model = replace(model, A=a, B=np.diag([400.0, 300.0, 50.0]), regressors=regressors, actuator=None)
+    frequency_hz = np.array([0.5, 5.0])
+    s = 2j * np.pi * frequency_hz
+    found = model_response(model, frequency_hz, NO_GYRO_FILTER)
+    np.testing.assert_allclose(found[:, 2], (50.0 + 3.0 * s) / s, rtol=1e-12)
+    np.testing.assert_allclose(found[:, 0], 400.0 / s, rtol=1e-12)
+
+
+def test_of_two_lines_near_to_each_other_the_higher_one_is_labelled(usable: Result) -> None:
+    """Side by side their labels cover each other; one a decade away has its own."""
+    health = usable.health
+    assert health is not None
+    assert health.noise is not None
+    (line,) = health.noise.lines["roll"][:1]
+    near = replace(line, frequency_hz=1.3 * line.frequency_hz, height_db=line.height_db - 3.0)
+    far = replace(line, frequency_hz=line.frequency_hz / 10.0, height_db=line.height_db - 3.0)
+    for other, labels in ((near, {"85 Hz", ""}), (far, {"85 Hz", "8.5 Hz"})):
+        noise = replace(health.noise, lines={"roll": (line, other)})
+        panel = _gyro_panel(replace(usable, health=replace(health, noise=noise)), GyroFilter(40.0))
+        assert {level.label for level in panel.levels} == labels
+
+
 def test_the_notches_of_the_gyro_are_marked_in_its_spectrum(usable: Result) -> None:
     levels = _gyro_panel(usable, GyroFilter(notches=(Notch(90.0, 0.5, 0.2),))).levels
     notches = [(level.value, level.along) for level in levels if level.label == "notch"]

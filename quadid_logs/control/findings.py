@@ -179,7 +179,7 @@ def _of_two_gains(axis: str, disagreeing: Mapping[str, tuple[Estimated, Estimate
     first, second = (_evidence(each) for each in disagreeing[axis])
     *others, last = disagreeing
     named = f"{', '.join(others)} and {last}" if others else last
-    advice = f"Check that no gain of {named} was changed in flight, and fly stronger manoeuvres in calm air."
+    advice = f"Check that no gain of {named} was changed in flight, and fly the manoeuvres again in calm air."
     title = f"The open-loop and the closed-loop estimate of the {axis} effectiveness disagree"
     evidence = {"open_loop": first, "closed_loop": second}
     return finding("QL602", "warning", evidence, axes=(axis,), title=title, advice=advice)

@@ -165,9 +165,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL306",
                 "No attitude at a useful rate",
-                "The structure with angles (linear-9) needs roll, pitch and yaw; it is left out or rests "
-                "on interpolated angles. The other structures do not need them.",
-                "Log the attitude as fast as the body rates if you want linear-9.",
+                "Only the structure with angles (linear-9) needs the attitude. It is left out, or its angles "
+                "are interpolated.",
+                "Nothing to do, unless you want linear-9: then log the attitude as fast as the body rates.",
                 step="set",
             ),
             _entry(
@@ -259,7 +259,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL402",
                 "The flight is too short",
-                "There is less gap-free flight than a model and its check on held-out data need.",
+                "There is less gap-free flight than a model and its check on validation data need.",
                 "Fly for a minute with the manoeuvre, without landing in between. If --start-s or --end-s "
                 "chose a part of the flight, choose a longer one.",
             ),
@@ -398,8 +398,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The interval is too wide",
                 "The data fit values of the control effectiveness that are far apart. Where the ends of "
                 "the interval differ by less than a factor of 3, the number is given as a caution: it "
-                "shows the order of magnitude only, and comparisons, inertia and tuning do not use it. "
-                "Beyond that no number is given.",
+                "shows the order of magnitude only, and comparisons and tuning do not use it. Beyond that no "
+                "number is given.",
                 f"Fly longer. {_ENOUGH}",
                 step="fly",
             ),
@@ -525,7 +525,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "less than above it: a dead zone, friction, or coarse steps of the outputs. The "
                 "effectiveness depends on the size of the manoeuvre. The interval covers the "
                 "effectiveness outside the dead zone.",
-                "Fly larger manoeuvres, and look for a dead band in the mixer or the speed controllers.",
+                "Look for a dead band in the mixer or the speed controllers. Manoeuvres well above it show "
+                "the full effectiveness of this axis.",
             ),
             _entry(
                 "QL524",
@@ -533,7 +534,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Above some torque, more command hardly adds motion: outputs are limited, and the log "
                 "does not say so. The effectiveness of small torques is higher than the estimate; the "
                 "interval covers it where it can.",
-                "Log motor outputs as fast as the torque, or fly smaller manoeuvres.",
+                "Log motor outputs as fast as the torque. Without them, keep the manoeuvres of this axis "
+                "below the limit.",
             ),
             _entry(
                 "QL525",
@@ -557,7 +559,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The torque does not build up like that of one first-order lag: rotors spin down more "
                 "slowly than up, or another filter lies between. The interval is wide enough to allow for "
                 "that.",
-                "Describe the rotors in --vehicle FILE.toml, and log the motor outputs.",
+                "Log the motor outputs, and describe the rotors with --vehicle FILE.toml, where either is "
+                "missing.",
             ),
             _entry(
                 "QL528",
@@ -589,10 +592,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Yaw comes from a slow log",
                 "Rates and torque were logged too slowly for roll and pitch. Yaw is slow enough: its "
                 "response to set-points between 0.3 and 2.5 Hz gives its effectiveness. The interval "
-                "allows 5 % for what happened between the samples. Held-out flight cannot confirm it, "
+                "allows 5 % for what happened between the samples. Validation data cannot confirm it, "
                 "because gusts move the vehicle as much as its commands do.",
-                "Compare this yaw only with flights that were logged alike. Log rates and torque at 40 Hz or "
-                "more for a model that can be confirmed.",
+                "Compare this yaw only with flights that were logged alike. A model that can be confirmed "
+                "takes a faster log.",
             ),
             _entry(
                 "QL533",
@@ -661,7 +664,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "with another control effectiveness than the one identified from torque and rates. One of "
                 "the two is biased: the controller is not the one of the parameters, or something other "
                 "than torque moved the vehicle.",
-                "Check that no gain was changed in flight, and fly stronger manoeuvres on this axis, in "
+                "Check that no gain was changed in flight, and fly the manoeuvres of this axis again, in "
                 "calm air.",
             ),
             _entry(
@@ -704,9 +707,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL607",
-                "A line above the fitted band bounds the gain margin",
-                "The spectrum of the rate has a line there: an arm, a mount or a load that bends, or a "
-                "propeller. What bends adds gain to the loop. The gain margin and its interval allow for it.",
+                "A peak above the fitted band bounds the gain margin",
+                "The spectrum of the rate has a peak there, strong or weak: an arm, a mount or a load that "
+                "bends, or a propeller. What bends adds gain to the loop. The gain margin and its interval "
+                "allow for it.",
                 "Look for what bends or is loose, and stiffen it; or put a notch at that frequency. Do "
                 "not raise gains before that.",
                 scope="loop",
@@ -867,7 +871,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL621",
                 "The firmware version that flew is unknown",
                 "The log does not say which version of the control law flew.",
-                "Log with the firmware's version, as every current firmware does.",
+                "Fly with a current firmware: it writes its version into the log.",
                 step="set",
                 scope="gains",
             ),

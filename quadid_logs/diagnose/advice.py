@@ -78,11 +78,13 @@ def next_steps(
     """
     listed = list(found)
     grave = [each for level in ("error", "warning") for each in listed if each[1].level == level]
+    to_fly = _to_be_flown(grave, again)
+    errors = [each for each in grave if each[1].level == "error"]
     texts = (
         *_advice_of(grave, "set"),
-        *_advice_of(_of_long_flights([each for each in grave if each[1].level == "error"]), "other"),
-        *_manoeuvres(grave, again),
-        *_advice_of(_of_axes_to_be_used(grave), "other"),
+        *_advice_of(_without_manoeuvre(_of_long_flights(errors), to_fly), "other"),
+        *_manoeuvres(to_fly),
+        *_advice_of(_without_manoeuvre(_of_axes_to_be_used(grave), to_fly), "other"),
     )
     return tuple(dict.fromkeys(filter(None, texts)))
 
@@ -117,19 +119,40 @@ def _named(advice: str, axes: Sequence[str]) -> str:
     return advice.replace("this axis", names).replace("This axis", names.capitalize())
 
 
-def _manoeuvres(
-    found: Sequence[tuple[FlightLog, Finding]], again: Iterable[tuple[FlightLog, str]]
-) -> list[str]:
+def _manoeuvres(to_fly: Sequence[tuple[FlightLog, Sequence[str]]]) -> list[str]:
     """Return one manoeuvre for all axes that need one; several only where autopilots differ."""
     wanted: dict[tuple[str, tuple[int, ...] | None], set[str]] = {}
-    needed = [(log, finding.axes or AXES) for log, finding in found if _step(finding) == "fly"]
-    needed += [(log, AXES) for log, finding in found if _hides_excitation(log, finding)]
-    for log, axes in (*needed, *((log, (axis,)) for log, axis in again)):
+    for log, axes in to_fly:
         wanted.setdefault((log.autopilot, log.version), set()).update(axes)
     return [
         advice_for(autopilot).excitation([axis for axis in AXES if axis in axes], version)
         for (autopilot, version), axes in wanted.items()
     ]
+
+
+def _to_be_flown(
+    found: Sequence[tuple[FlightLog, Finding]], again: Iterable[tuple[FlightLog, str]]
+) -> list[tuple[FlightLog, Sequence[str]]]:
+    """Return the axes that each log's next flight is to move."""
+    needed = [(log, finding.axes or AXES) for log, finding in found if _step(finding) == "fly"]
+    needed += [(log, AXES) for log, finding in found if _hides_excitation(log, finding)]
+    return [*needed, *((log, (axis,)) for log, axis in again)]
+
+
+def _without_manoeuvre(
+    found: Sequence[tuple[FlightLog, Finding]], to_fly: Sequence[tuple[FlightLog, Sequence[str]]]
+) -> list[tuple[FlightLog, Finding]]:
+    """Leave out what is said in place of a manoeuvre of axes that fly one, as for another log."""
+    flown = {axis for _log, axes in to_fly for axis in axes}
+    return [
+        (log, one)
+        for log, one in found
+        if not (_in_place_of_a_manoeuvre(one) and one.axes and flown.issuperset(one.axes))
+    ]
+
+
+def _in_place_of_a_manoeuvre(finding: Finding) -> bool:
+    return finding.code in CATALOGUE and CATALOGUE[finding.code].step == "fly" and _step(finding) == "other"
 
 
 def _hides_excitation(log: FlightLog, finding: Finding) -> bool:

@@ -88,7 +88,9 @@ def not_in_newton_metres(log: FlightLog, given: InputDescription) -> Finding:
 
 
 def _pass(needs: tuple[str, ...]) -> str:
-    return f"Pass {', '.join(needs)} with --vehicle FILE.toml." if needs else ""
+    if not needs:
+        return ""
+    return f"For N m, describe the vehicle with --vehicle FILE.toml. It lacks: {'; '.join(needs)}."
 
 
 def _mixer(model: TorqueModel, given: InputDescription) -> Iterator[Finding]:

@@ -122,10 +122,8 @@ def _marked(figure: Figure, result: Result) -> Figure:
     """Say in the panels of refused axes that they show no results."""
     found = result.diagnosis.axes
     refused = {axis for axis in found if found[axis].verdict == "refused"}
-    # Three panels beside each other leave no room for more.
-    mark = "refused" if figure.columns > 2 else "refused, not to be trusted"
     panels = tuple(
-        replace(panel, title=f"{panel.title} – {mark}") if panel.model_of in refused else panel
+        replace(panel, title=f"{panel.title} – refused") if panel.model_of in refused else panel
         for panel in figure.panels
     )
     return replace(figure, panels=panels)

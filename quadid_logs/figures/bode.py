@@ -201,7 +201,8 @@ def model_response(model: Model, frequency_hz: FloatArray, gyro_filter: GyroFilt
     Parameters
     ----------
     model : Model
-        Its terms in p, q, r are used; products of rates and angles are not linear or act slowly.
+        Its terms in p, q, r and the rotors' reaction are used; products of rates and angles are not linear
+        or act slowly.
     frequency_hz : ndarray, shape (n,)
     gyro_filter : GyroFilter
         That the logged rates have passed.
@@ -209,22 +210,31 @@ def model_response(model: Model, frequency_hz: FloatArray, gyro_filter: GyroFilt
     Returns
     -------
     ndarray of complex, shape (n, 3)
-        diag of G F (s I - A_rates)^-1 B [rad/s per unit of torque], with
-        G the gyro filter and F the actuator's lag and delay.
+        diag of G F (s I - A_rates)^-1 (B + s b) [rad/s per unit of torque], with G the gyro filter, F the
+        actuator's lag and delay, and b the column of dN/dt (0 but for yaw torque).
     """
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
     rates = np.zeros((3, 3))
     for column, symbol in enumerate(RATE_SYMBOLS):
         if symbol in model.regressors:
             rates[:, column] = model.A[_rows(model), model.regressors.index(symbol)]
-    gains = model.B[_rows(model)]
-    free = np.linalg.solve(s[:, np.newaxis, np.newaxis] * np.eye(3) - rates, gains[np.newaxis])
+    derivative = s[:, np.newaxis, np.newaxis]
+    gains = model.B[_rows(model)] + derivative * _reaction(model)
+    free = np.linalg.solve(derivative * np.eye(3) - rates, gains)
     on_axis = np.diagonal(free, axis1=1, axis2=2)
     shaping = np.ones(s.shape, dtype=np.complex128)
     if model.actuator is not None:
         shaping = lag_response(s, model.actuator.lag_s) * delay_response(s, model.actuator.delay_s)
         shaping = shaping * gyro_response(s, *gyro_filter)
     return np.asarray(on_axis * shaping[:, np.newaxis], dtype=np.complex128)
+
+
+def _reaction(model: Model) -> FloatArray:
+    """Return what the change of each torque does, (3, 3): rotors that speed up turn the vehicle, too."""
+    reaction = np.zeros((3, 3))
+    if "N_dot" in model.regressors:
+        reaction[:, AXES.index("yaw")] = model.A[_rows(model), model.regressors.index("N_dot")]
+    return reaction
 
 
 def _rows(model: Model) -> list[int]:

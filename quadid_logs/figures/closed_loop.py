@@ -61,7 +61,8 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
             "loop-step",
             "Rate step response",
             "The rate step response of the model with its 95 % interval (shaded), and the measured one "
-            "where the log shows it. Overshoot and ringing mean little margin.",
+            "where the log shows it. The log's set-points are smoother than a step, so its line overshoots "
+            "less. Overshoot and ringing mean little margin.",
             _in_rows([_step(axis, found) for axis, found in known.items()]),
             columns=3,
         ),

@@ -51,6 +51,6 @@ def _panel(quantity: Quantity) -> Panel:
     return Panel(
         title=f"{quantity.words.capitalize()}: {'changed' if quantity.changed else 'no change'}",
         x=Axis(label="", ticks=((0.0, "before"), (1.0, "after")), low=-0.6, high=1.6),
-        y=Axis(label="", unit=quantity.unit.replace("^2", "²")),
+        y=Axis(label="value", unit=quantity.unit.replace("^2", "²")),
         curves=curves,
     )

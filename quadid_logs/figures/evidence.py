@@ -13,6 +13,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Panel, Ribbon
 from quadid_logs.figures.thinning import thin_line
 from quadid_logs.figures.time_series import RATE_AXIS, spans
+from quadid_logs.identify.parameters import MIN_SIMULATED_R2
 from quadid_logs.maths.band import high_pass
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
@@ -87,7 +88,7 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
         refused = axis in verdicts and verdicts[axis].verdict == "refused"
         r2 = model.validation.r2_high_passed_rate.get(symbol, float("nan"))
         commanded = any(one.used for one in result.identification.spectral[AXES.index(axis) :][:1])
-        by_commands = commanded and r2 <= 0.0
+        by_commands = commanded and not r2 >= MIN_SIMULATED_R2
         any_by_commands |= by_commands and not refused
         panels.append(
             Panel(

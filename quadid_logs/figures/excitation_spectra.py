@@ -41,7 +41,7 @@ def excitation_spectra(result: Result) -> Figure | LeftOut:
             bands=bands,
         ),
         Panel(
-            title="Fraction of the rate that the torque explains",
+            title="Coherence of rate and torque",
             x=_FREQUENCY,
             y=Axis(label="coherence", low=0.0, high=1.02),
             curves=tuple(_curve(item, item.coherence) for item in shown),

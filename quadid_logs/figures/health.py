@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import Overview
-from quadid_logs.data.health import AxisSteps, Course, GyroSpectrum, Health, Map, Noise, Topic
+from quadid_logs.data.health import AxisSteps, Course, GyroSpectrum, Health, Line, Map, Noise, Topic
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, Heat, LeftOut, Level, Mark, Panel, Ribbon
@@ -28,6 +29,8 @@ _DESIRED_AND_ACTUAL: Final[tuple[tuple[str, str, Mark], ...]] = (
 _LEAST_GAIN: Final = 0.1
 #: More notches than this are those of every rotor's harmonics, and their words would cover each other.
 _MOST_NOTCHES: Final = 4
+#: Labels of lines whose frequencies lie nearer to each other than this ratio would cover each other.
+_LABELS_APART: Final = 4.0
 _MOST_POINTS: Final = 600
 #: A level further above all data would only press them flat.
 _NEAR_LIMIT: Final = 3.0
@@ -287,13 +290,23 @@ def _spectrum_panel(noise: Noise, column: int, known: GyroFilter) -> Panel:
                 if notch.frequency_hz <= highest_hz
             ),
             *(
-                Level(
-                    value=line.frequency_hz, role="saturated", label=f"{line.frequency_hz:.3g} Hz", along="x"
-                )
-                for line in lines[:2]
+                Level(value=line.frequency_hz, role="saturated", label=label, along="x")
+                for line, label in _labelled(lines[:2])
             ),
         ),
     )
+
+
+def _labelled(lines: Sequence[Line]) -> list[tuple[Line, str]]:
+    """Return each line with its label, the lower one of two that are near to each other with none."""
+    labelled: list[tuple[Line, str]] = []
+    for line in sorted(lines, key=lambda one: -one.height_db):
+        near = any(
+            label and 1.0 / _LABELS_APART < line.frequency_hz / other.frequency_hz < _LABELS_APART
+            for other, label in labelled
+        )
+        labelled.append((line, "" if near else f"{line.frequency_hz:.3g} Hz"))
+    return labelled
 
 
 def _density(label: str, spectrum: GyroSpectrum, column: int, role: str) -> Curve:

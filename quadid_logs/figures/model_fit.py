@@ -25,6 +25,8 @@ _ACCELERATION = Axis(label="angular acceleration", unit="deg/s²")
 _RATE = Axis(label="body rate", unit="deg/s")
 _HELD_OUT = " Shaded: validation data, which the fit did not use; judge the model there."
 _SERIES_ROLES = 4
+#: So many structures have names that need half of a page.
+_MANY_STRUCTURES = 4
 _CLOSE_LOOK_S = 5.0
 
 
@@ -325,7 +327,8 @@ def structure_comparison(result: Result) -> Figure | LeftOut:
         caption="The same quantity from every structure, with 95 % intervals. Structures that agree within "
         "their intervals support each other; an interval that spans zero says: not known.",
         panels=tuple(panels),
-        columns=3,
+        # Four names under a third of the page would cover each other.
+        columns=3 if len(models) < _MANY_STRUCTURES else 2,
     )
 
 

@@ -69,7 +69,7 @@ def _against_condition(model: Model, windows: Windows) -> Figure:
     panels = tuple(_condition_panel(effect, windows) for effect in _effects(model, windows))
     caption = (
         f"Each point is one window of {windows.width} samples ({windows.period_s * 1e3:.3g} ms apart), its "
-        "columns scaled. To the right, the condition number blows up small errors of the log: the points "
+        "columns scaled. Further right, a larger condition number amplifies small errors of the log: points "
         "scatter. The line with its band is the pooled estimate with its 95 % interval. If the "
         "median of the windows stays on the line, windows and pooled estimate agree."
     )
@@ -157,15 +157,15 @@ def _estimate_axis(effect: _Effect) -> tuple[Axis, str]:
     finite = effect.estimates[np.isfinite(effect.estimates)]
     pooled = effect.pooled
     if not finite.size and pooled is None:
-        return Axis(label=effect.name, unit=effect.unit, low=-1.0, high=1.0), "no finite estimate"
+        return Axis(label="estimate", unit=effect.unit, low=-1.0, high=1.0), "no finite estimate"
     centre = pooled.value if pooled is not None else float(np.median(finite))
     reach = [abs(value - centre) for value in (pooled.ci95 if pooled is not None else ())]
     if finite.size:
         reach.append(float(np.quantile(np.abs(finite - centre), _SHOWN_FRACTION)))
     half = 1.15 * max((value for value in reach if np.isfinite(value)), default=0.0) or max(abs(centre), 1.0)
     outside = float(np.mean(np.abs(finite - centre) > half)) if finite.size else 0.0
-    note = f"{outside:.0%} of the windows lie outside" if outside >= 0.005 else ""
-    return Axis(label=effect.name, unit=effect.unit, low=centre - half, high=centre + half), note
+    note = f"{100.0 * outside:.0f} % of the windows lie outside" if outside >= 0.005 else ""
+    return Axis(label="estimate", unit=effect.unit, low=centre - half, high=centre + half), note
 
 
 def _pooled_marks(effect: _Effect) -> tuple[tuple[Band, ...], tuple[Level, ...]]:

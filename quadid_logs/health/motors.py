@@ -136,8 +136,8 @@ def _sentence(
 ) -> str:
     hardest, least = names[int(np.argmax(mean))], names[int(np.argmin(mean))]
     pulses = spread.unit == "us"
-    apart = f"{spread.value:.0f} us" if pulses else f"{100.0 * spread.value:.1f} % of its range"
-    limit = f"{_WARN_US:g} us" if pulses else f"{100.0 * _WARN_US / _RANGE_US:g} %"
+    apart = f"{spread.value:.0f} µs" if pulses else f"{100.0 * spread.value:.1f} % of its range"
+    limit = f"{_WARN_US:g} µs" if pulses else f"{100.0 * _WARN_US / _RANGE_US:g} %"
     judged = {
         "normal": f"which is normal (below {limit})",
         "high": f"more than the normal {limit}",

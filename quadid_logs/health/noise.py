@@ -430,19 +430,19 @@ def _sentence(
         ((axis, line) for axis, found in lines.items() for line in found), key=lambda one: -one[1].height_db
     )
     if not named:
-        told = f"The gyro shows no line above its noise up to {highest_hz:.3g} Hz, which is normal"
+        told = f"The gyro shows no distinct line up to {highest_hz:.3g} Hz, which is normal"
     else:
         words = []
         for axis, line in named[:_MOST_NAMED]:
             source = source_words(line)
             size = f"{line.height_db:.0f} dB, {number(float(np.degrees(line.rms)), 2)} deg/s rms"
             words.append(f"{axis} {line.frequency_hz:.3g} Hz ({size}{', ' if source else ''}{source})")
-        told = f"The gyro shows lines above its noise: {some(words, len(named))}"
+        told = f"The gyro shows distinct lines: {some(words, len(named))}"
         if highest_hz > COMMANDED_HZ:
             more = "more than" if in_lines > 0.5 else "less than"
             part = number(100.0 * in_lines, 2)
-            told += f". Those above {COMMANDED_HZ:.0f} Hz hold {part} % of its power there, {more} all else"
-    note = ". Faster vibration, if there is any, can appear at these frequencies" if folded and named else ""
+            told += f". Above {COMMANDED_HZ:.0f} Hz, lines hold {part} % of the gyro's power: {more} all else"
+    note = ". Vibration faster than the log can also appear at these frequencies" if folded and named else ""
     if folded and not named:
         note = ". Faster vibration cannot be seen at this log rate"
     return f"{told}{note}."

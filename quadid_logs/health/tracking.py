@@ -102,7 +102,7 @@ def _judged(time_s: FloatArray, worst: FloatArray) -> _Judgement:
         )
         return _Judgement(words, "normal", off)
     level: Level = "severe" if largest >= _FAIL_RAD else "high"
-    limit = f"beyond {fail:.0f} deg it does not follow" if level == "severe" else "normal is never"
+    limit = f"beyond {fail:.0f} deg the vehicle does not follow" if level == "severe" else "normal is never"
     words = (
         f"Roll or pitch is off by more than {warn:.0f} deg for longer than {_LASTS_S:g} s, in "
         f"{number(100.0 * share, 2)} % of the flight and by up to {most:.0f} deg: {limit}."
@@ -128,7 +128,8 @@ def _followed(axes: Mapping[str, AxisTracking]) -> str:
     verb = "misses" if len(beyond) == 1 else "miss"
     return (
         f"{listed(beyond).capitalize()} {verb} by as much as the set-points move, or more: gusts, vibration, "
-        "an oscillation or a limit move the vehicle instead. That is normal only in a hover without commands."
+        "an oscillation or a limit move the vehicle instead. That is normal only in a hover without commands "
+        "or while a system-ID run moves the motors."
     )
 
 

@@ -359,9 +359,14 @@ def _judged(expo: AssumedExpo, found: _Found, scale: float) -> tuple[ThrustCurve
     half = max(abs(one - value), abs(other - value)) + EXPO_SYSTEMATIC
     reason = found.reason
     if not reason and not half <= _MOST_HALF_WIDTH:
+        varied = f"thrust varied by a factor of {found.thrust_ratio:.3g}"
+        enough = found.thrust_ratio >= _THRUST_TO_FLY
         reason = (
-            f"thrust varied by a factor of {found.thrust_ratio:.2f}, and more was not flown; climb and "
-            f"descend so that it varies by {_THRUST_TO_FLY:g}"
+            f"{varied}, but other effects on roll and pitch hide the curve; in calm air, move the sticks "
+            "while you climb and descend"
+            if enough
+            else f"{varied}, and more was not flown; climb and descend so that it varies by "
+            f"{_THRUST_TO_FLY:g}"
         )
     if not reason and not _POSSIBLE[0] <= value <= _POSSIBLE[1]:
         reason = "the effectiveness changes with thrust more than any propeller's curve makes it"

@@ -144,9 +144,9 @@ def throttle_note(quantity: Quantity) -> str:
     change = quantity.throttle_change
     if abs(change) < _LEAST_THROTTLE_CHANGE:
         return ""
-    more = "more" if change > 0.0 else "less"
+    more = "higher" if change > 0.0 else "lower"
     may = amount(quantity, quantity.throttle_spread)
-    return f", of which up to {may} for {number(100.0 * abs(change), 2)} % {more} throttle"
+    return f", of which up to {may} because the throttle was {number(100.0 * abs(change), 2)} % {more}"
 
 
 def change_words(quantity: Quantity) -> str:

@@ -20,7 +20,7 @@ _PLACES: Final = MappingProxyType(
     {
         FilterPlace.GYRO: "gyro",
         FilterPlace.ERROR: "rate error",
-        FilterPlace.PART: "P or D alone",
+        FilterPlace.PART: "one term (P or D)",
         FilterPlace.COMMAND: "command",
     }
 )
@@ -57,7 +57,7 @@ def _table(
     at = "" if crossover_hz is None else f" at {number(crossover_hz.value, 3)} Hz"
     return Table(
         caption=f"Filters, {axis}",
-        head=("filter", "of", f"phase lost{at} [deg]", *(f"{_line_words(line)} [dB]" for line in lines)),
+        head=("filter", "acts on", f"phase lost{at} [deg]", *(f"{_line_words(line)} [dB]" for line in lines)),
         rows=tuple(_row(cost) for cost in costs),
         note=_note(costs, crossover_hz, lines),
     )
@@ -95,10 +95,12 @@ def _note(costs: Sequence[FilterCost], crossover_hz: Estimated | None, lines: Se
     else:
         parts = ["Phase lost at the crossover of the rate loop; small: over the crossover's 95 % interval."]
     if lines:
-        parts.append("Gain at the lines of the gyro's spectrum; of a filter on P or D, on that part alone.")
+        parts.append(
+            "Gain at the lines of the gyro's spectrum; a filter of one term (P or D) acts on that term only."
+        )
         if any(len(set(cost.centre_hz)) > 1 for cost in costs):
             parts.append(
-                "A line of the rotors is taken to move as a notch that follows them; at another line such a "
-                "notch counts by its mean power."
+                "A notch that follows the rotors is taken to stay on their line; at any other line, its mean "
+                "power counts."
             )
     return " ".join(parts)

@@ -45,7 +45,7 @@ def _structure(model: Model, distrusted: tuple[bool, ...]) -> tuple[Cell, ...]:
     diagonal = [math.nan if parameter is None else parameter.value for parameter in on_axis]
     checked = model.validation
     return (
-        Cell(text=model.structure, detail="recommended" if model.recommended else printable(model.note, 160)),
+        Cell(text=model.structure, detail="recommended" if model.recommended else printable(model.note, 240)),
         Cell(text=_three(diagonal, distrusted)),
         Cell(text=_three(values_of(checked.r2_acceleration, ACCELERATION_SYMBOLS), distrusted, low=0.0)),
         Cell(text=_three(values_of(checked.r2_simulated_rate, RATE_SYMBOLS), distrusted, low=0.0)),

@@ -36,6 +36,8 @@ TOPICS: Final = {
 }
 #: They show what others cannot: without them nothing is missing.
 _NEVER_MISSING: Final = ("standstill", "rates", "tilt", "torque", "thrust")
+#: Of each judgement, its word: what is too low is not "high".
+_LEVELS: Final = {"normal": "normal", "high": "not normal", "severe": "far from normal", "fact": ""}
 #: Of each judgement, its colour on the page; a number without one has none.
 _STYLES: Final = {"normal": "usable", "high": "caution", "severe": "refused", "fact": ""}
 #: Where the recommended gains of an axis go, if it oscillates. The other ways lead nowhere that is known.
@@ -81,7 +83,7 @@ def health_view(result: Result) -> HealthView:
     lines = tuple(
         HealthLine(
             name=TOPICS[name],
-            level="" if topic.level == "fact" else topic.level,
+            level=_LEVELS[topic.level],
             style=_STYLES[topic.level],
             sentence=printable(
                 f"{topic.sentence}{_hint(result, health) if name == 'oscillation' else _advice(topic)}", 800

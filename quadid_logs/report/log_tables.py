@@ -130,7 +130,7 @@ def _signal_table(caption: str, result: Result, *, main: bool) -> Table:
     found = [choice for choice in result.data.sources.values() if (choice.signal in _MAIN_SIGNALS) == main]
     return Table(
         caption=caption,
-        head=("signal", "source and why", "true rate [Hz]", "longest gap [s]", "gaps", "rows put aside"),
+        head=("signal", "source and why", "true rate [Hz]", "longest gap [s]", "gaps", "rows skipped"),
         rows=tuple(_signal(choice) for choice in found[:MOST_ROWS]),
     )
 

@@ -27,6 +27,8 @@ _A_CAPTION = "A: what the motion itself does"
 _PRODUCTS_CAPTION = "A, continued: what products of the rates do"
 #: An interval this far below the largest entry is what a tensor's inverse leaves of an exact zero.
 _ROUNDING = 1e-6
+#: More names with one reason are called the others.
+_MOST_NAMED = 3
 _DISTRUSTED = "not to be trusted"
 _WORDS = {term.symbol: term.words for structure in STRUCTURES for term in structure.terms}
 
@@ -174,8 +176,14 @@ def _weak_note(parameters: Iterable[Parameter]) -> str:
             )
     if not reasons:
         return ""
+    grey = "Grey: values that this flight does not identify; do not use them."
+    longest = max(reasons, key=lambda reason: len(reasons[reason]))
+    if len(reasons[longest]) > _MOST_NAMED:
+        # A dozen names with one reason hide the others.
+        last = reasons.pop(longest)
+        reasons[longest] = ["all others"] if reasons else ["all of them"] if len(last) > 1 else last
     why = "; ".join(f"{', '.join(names)}: {reason or 'not known'}" for reason, names in reasons.items())
-    return f"Grey: values that this flight does not identify; do not use them. Reasons: {why}."
+    return f"{grey} Reasons: {why}."
 
 
 def _moment(inertia: Inertia, i: int, j: int, *, weak: bool) -> Cell:

@@ -108,7 +108,8 @@ def _flights(found: Repeatability) -> Table:
         ),
     )
     return Table(
-        caption=f"Every flight (structure {printable(found.structure or 'none', 40)})",
+        caption="Every flight"
+        + (f" (structure {printable(found.structure, 40)})" if found.structure else ""),
         head=(
             "flight",
             *(f"{each.axis} {each.kind} [{pretty_unit(each.unit)}]".strip() for each in quantities),

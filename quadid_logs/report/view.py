@@ -210,7 +210,7 @@ def _model_sentence(result: Result, model: Model | None) -> str:
         if isfinite(actuator.lag_up_s) and actuator.lag_up_s != actuator.lag_down_s:
             up, down = number(actuator.lag_up_s * 1e3, 3), number(actuator.lag_down_s * 1e3, 3)
             parts.append(f"The rotors speed up in {up} ms and slow down in {down} ms.")
-        if model.yaw_reaction is not None:
+        if model.yaw_reaction is not None and not refused_axes(result)[AXES.index("yaw")]:
             lead = _milliseconds(model.yaw_reaction.lead_s, *model.yaw_reaction.ci95_s, known=True)
             parts.append(f"Rotors that speed up turn the vehicle too: yaw leads its torque by {lead}.")
     if input_unit(result) == "1":
@@ -244,16 +244,16 @@ def _validation_sentence(model: Model | None, spectral: Sequence[SpectralFit] = 
         if axis not in by_commands
     ]
     simulated = (
-        f"{seconds(model.validation.held_out_s)} of the flight were kept from the fit. There, in the fitted "
-        f"band, the rates simulated from the torque explain {listed(told)}."
+        f"{seconds(model.validation.held_out_s)} of the flight are validation data, which the fit did not "
+        f"use. In the fitted band, the rates simulated from the torque explain {listed(told)}."
         if told
         else ""
     )
     # What wind did cannot be simulated: there, only what was commanded tells how good a model is.
     commanded = [f"{percent(value)} of {axis}" for axis, value in by_commands.items()]
     of_commands = (
-        f"Wind or another effect moved the vehicle as well as its commands. Of the acceleration that was "
-        f"commanded, the model explains {listed(commanded)}."
+        "Wind or another effect moved the vehicle, too, so its response to commands is judged: of the "
+        f"commanded acceleration, the model explains {listed(commanded)}."
         if commanded
         else ""
     )

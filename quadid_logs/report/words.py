@@ -36,7 +36,7 @@ _PHRASES: Final[Mapping[str, str]] = MappingProxyType(
         "cutoff": "cut-off of the filter",
         "file_bytes": "bytes in the file",
         "found": "signals found",
-        "gain": "gain B",
+        "gain": "effectiveness B",
         "gain_db": "gain margin [dB]",
         "gap_free": "flight without gaps",
         "gaps": "number of gaps",
@@ -100,6 +100,11 @@ def evidence_text(key: str, value: object) -> str:
     """
     if key.startswith("probability_") and value == 0.0:
         return "below 1e-15"  # less than a float tells from none
+    if key == "target_factors" and isinstance(value, Mapping):
+        # By parameter, as its autopilot spells it.
+        return ", ".join(
+            f"{printable(str(name), 60)}: {evidence_value(item)}" for name, item in value.items()
+        )
     if not key.startswith("fraction_"):
         return evidence_value(value)
     if isinstance(value, Mapping):

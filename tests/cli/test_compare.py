@@ -321,7 +321,7 @@ def test_another_throttle_is_named_beside_yaw(flight: Result) -> None:
     """Who reads that 12 % would show must know that the throttle takes most of it."""
     first, other = at_throttle(flight, 0.40), at_throttle(flight, 0.42)
     text = "\n".join(comparison_lines(first, other, compare(first, other)))
-    assert text.count("of which up to 10 % for 5 % more throttle") == 1
+    assert text.count("of which up to 10 % because the throttle was 5 % higher") == 1
 
 
 def test_a_difference_larger_than_the_value_is_told_in_its_unit(flight: Result) -> None:

@@ -106,6 +106,14 @@ def test_an_axis_that_turned_enough_gets_no_manoeuvre() -> None:
     assert next_steps([(_log(), enough)]) == ("Look elsewhere.",)
 
 
+def test_an_axis_that_another_log_lets_fly_gets_the_manoeuvre_alone() -> None:
+    """Three logs of one vehicle: "larger manoeuvres would not help" stood beside "fly doublets"."""
+    enough = replace(_finding("QL504", "error", "roll", advice="Look elsewhere."), step="other")
+    weak = _finding("QL403", "error", "roll", advice="Move roll.")
+    (step,) = next_steps([(_log(), enough), (_log(), weak)])
+    assert "doublets" in step
+
+
 def _with_findings(*findings: Finding) -> Result:
     result = usable_result(4.0)
     return replace(result, diagnosis=Diagnosis(findings=findings, axes=result.diagnosis.axes))

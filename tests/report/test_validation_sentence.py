@@ -38,4 +38,4 @@ def test_an_axis_that_its_commands_tell_is_judged_by_them() -> None:
     )
     model = usable_result().identification.recommended
     text = _validation_sentence(model, (fit, replace(fit, used=False)))
-    assert text.endswith("Of the acceleration that was commanded, the model explains 98.4 % of roll.")
+    assert text.endswith("of the commanded acceleration, the model explains 98.4 % of roll.")

@@ -225,8 +225,8 @@ class ArduPilotAdvice(Advice):
             f"Copy {SCRIPT} into APM/scripts on the card. Set SCR_ENABLE to 1, and RCx_OPTION of a free "
             f"switch to "
             f"{SWITCH} (Scripting1). Restart: the ground station shows `excite: ready`.",
-            "Take off, and hover in Stabilize with 4 m of height or more. Leave the throttle stick where "
-            "it hovers.",
+            "Take off, and hover in Stabilize at that height (below 4 m the script does not start). Leave "
+            "the throttle stick where it hovers.",
             f"Turn the switch on. The script sweeps {listed(axes)} in one flight, for "
             f"{sum(each['record_s'] + _SCRIPT_REST_S for each in sweeps.values()):.0f} s. Hold the place "
             f"with small "

@@ -63,8 +63,8 @@ class BetaflightAdvice(Advice):
 
     remedies = MappingProxyType(
         {
-            "QL306": "Attitude is logged since 2025.12, where it is left among the logged fields; no other "
-            "structure needs it.",
+            "QL306": "Nothing to do, unless you want linear-9: firmware 2025.12 and later logs the attitude, "
+            "if it is among the logged fields.",
             "QL401": "Use a log with a flight of at least half a minute; of a file that holds several, info "
             "lists them and --log N chooses one. If you did fly, fetch the whole file again.",
             "QL604": "Keep profiles and gains as they are during the flight, without adjustments by a "
@@ -72,9 +72,9 @@ class BetaflightAdvice(Advice):
             "QL613": "Leave gyro, PID and set-points among the logged fields (blackbox_disable_gyro, "
             "blackbox_disable_pids and blackbox_disable_setpoint = OFF), and fly once more.",
             "QL620": "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters. "
-            "Before 4.5, which does not log it, update the firmware.",
+            "Firmware before 4.5 does not log it: update.",
             "QL643": "Fly the whole flight in Acro mode, and tune from that.",
-            "QL644": "Fly quick manoeuvres, with blackbox_high_resolution = ON (4.4 and later).",
+            "QL644": "Set blackbox_high_resolution = ON (4.4 and later).",
         }
     )
     excitation_parameters = SWEEP_SETTINGS
