@@ -1088,7 +1088,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "With the estimated model, the margins meet their limits. In the worst case that has to "
                 "be expected on the next flight, they do not. The intervals are too wide to raise the "
                 "gains, and give no reason to lower them.",
-                "Keep the gains. For narrower intervals fly the manoeuvre again, longer, in calmer air.",
+                "Keep the gains. For narrower intervals fly the manoeuvre again, longer, in calmer air, and "
+                "give this log with `--earlier` when you tune from the next one.",
             ),
             _entry(
                 "QL647",
@@ -1097,7 +1098,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "quarter or more. In the worst case that has to be expected on the next flight, they "
                 "would not keep the margins.",
                 "Keep the gains. To go further, fly longer, in calmer air, with manoeuvres that reach twice "
-                "the crossover.",
+                "the crossover, and give this log with `--earlier` when you tune from the next one.",
                 scope="gains",
             ),
             _entry(
@@ -1114,7 +1115,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The log does not rule out that the frame bends",
                 "A frame that bends above the fitted band would take gain margin. This log is too slow, too "
                 "short or too noisy to show it. That is no reason to lower the gains, nor to raise them.",
-                "Log rates and torque at 400 Hz or more, and fly for a minute.",
+                "Log rates and torque at 400 Hz or more, and fly for a minute; or give this log with "
+                "`--earlier` when you tune from the next one.",
                 scope="gains",
             ),
         )
