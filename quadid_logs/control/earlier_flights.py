@@ -28,7 +28,7 @@ _ROUNDING: Final = 1e-9
 
 
 class _Drawn(NamedTuple):
-    """Numbers of vehicles: the estimate (n,), and mean (n,) and covariance (n, n) of those drawn around it."""
+    """Numbers of vehicles: the estimate (n,); mean (n,) and covariance (n, n) of those drawn around it."""
 
     estimate: FloatArray
     mean: FloatArray
@@ -36,7 +36,7 @@ class _Drawn(NamedTuple):
 
 
 class Joined(NamedTuple):
-    """A loop around the vehicles of several flights; ``used`` are the places of earlier ones of this vehicle."""
+    """A loop around the vehicles of several flights; ``used`` are the places of those that tell of it."""
 
     loop: AxisLoop
     used: tuple[int, ...] = ()
