@@ -273,11 +273,11 @@ def _wider(manoeuvre: Any, result: Result) -> Any:
     told = manoeuvre.keywords
     rms = told.get("rms_rad_s") or tuple(part * told["amplitude_rad_s"] for part in _RMS)
     highest_hz = []
-    for axis, usual_hz in zip(AXES, _REACHES_HZ, strict=True):
+    for axis, least_hz in zip(AXES, _REACHES_HZ, strict=True):
         loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
         margins = None if loop is None else loop.margins
         crossover = None if margins is None else margins.rate.crossover_hz
-        highest_hz.append(usual_hz if crossover is None else max(2.0 * crossover.value, usual_hz))
+        highest_hz.append(least_hz if crossover is None else max(2.0 * crossover.value, least_hz))
     bands = tuple((low, high) for low, high in zip(_BEGINS_HZ, highest_hz, strict=True))
     return partial(manoeuvres.multisine, rms_rad_s=rms, band_hz=bands)
 

@@ -83,7 +83,7 @@ def tune(
       pitch  refused  QL615 QL613
       yaw    refused  QL613>
     """
-    result = analyze(log, settings, vehicle=vehicle, progress=progress)
+    result: Result = analyze(log, settings, vehicle=vehicle, progress=progress)
     if earlier:
         result = with_earlier(result, [analyze(one, vehicle=vehicle, progress=progress) for one in earlier])
     if progress is not None:
