@@ -25,8 +25,8 @@ def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
     result : Result
         Of the flight with the gains that are set now.
     earlier : sequence of Result
-        Of the same vehicle, whatever its gains were. A log that holds the flights of another adds nothing,
-        nor does an axis that differs by more than chance from what it was then.
+        Of the same vehicle, whatever its gains were. A log that holds the flights of another adds nothing. An
+        axis that differs from any of them by more than chance stays as it is, and is not tuned (QL626).
 
     Returns
     -------
@@ -44,17 +44,21 @@ def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
     now = result.closed_loop
     if now is None or not others:
         return result
-    axes, told = dict(now.axes), list[tuple[int, str]]()
-    for axis, loop in now.axes.items():
-        controller = now.controllers.axes.get(axis)
-        if controller is not None:
-            axes[axis], used = joined(loop, controller, [_loop(one, axis) for one in others])
-            told += [(place, axis) for place in used]
+    found = {
+        axis: joined(loop, controller, [_loop(one, axis) for one in others])
+        for axis, loop in now.axes.items()
+        if (controller := now.controllers.axes.get(axis)) is not None
+    }
+    axes = {**now.axes, **{axis: one.loop for axis, one in found.items()}}
     return replace(
         result,
         closed_loop=replace(now, axes=axes),
         earlier=tuple(
-            EarlierFlight(one.log.path, tuple(axis for at, axis in told if at == place))
+            EarlierFlight(
+                path=one.log.path,
+                axes=tuple(axis for axis, each in found.items() if place in each.used),
+                differ=tuple(axis for axis, each in found.items() if place in each.differ),
+            )
             for place, one in enumerate(others)
         ),
     )

@@ -229,7 +229,7 @@ def _show(
     for line in _axis_lines(view):
         say(line)
     for one in result.earlier:
-        told = f"narrows {listed(one.axes)}" if one.axes else "tells nothing more of this vehicle"
+        told = f"narrows {listed(one.axes)}" if one.axes else "narrows nothing"
         say(f"  {printable(Path(one.path).name)} {told}")
     if tuning.refused:
         for step in view.steps:

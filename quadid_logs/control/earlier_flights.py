@@ -8,15 +8,16 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
+from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.control import flexible_mode
 from quadid_logs.control.closed_loop import loop_around
 from quadid_logs.control.next_flight import DAMPING_SPREAD, EFFECTIVENESS_SPREAD, TIME_SPREAD_S
 from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.controller import AxisController
+from quadid_logs.maths.multiple_tests import holm
 from quadid_logs.maths.normal import NORMAL_95
 
-#: An earlier flight that differs by more than one in twenty would by chance is one of another vehicle.
+#: A flight that differs more from earlier ones than one in twenty would by chance is one of another vehicle.
 _SAME_VEHICLE: Final = 0.05
 #: How much each of two flights weighs in what may be wrong in both alike.
 _WEIGHTS: Final = tuple(np.linspace(0.02, 0.98, 25).tolist())
@@ -36,10 +37,14 @@ class _Drawn(NamedTuple):
 
 
 class Joined(NamedTuple):
-    """A loop around the vehicles of several flights; ``used`` are the places of those that tell of it."""
+    """A loop around the vehicles of several flights.
+
+    ``used`` are the places of those that tell of it, ``differ`` of those that tell of another vehicle.
+    """
 
     loop: AxisLoop
     used: tuple[int, ...] = ()
+    differ: tuple[int, ...] = ()
 
 
 def with_earlier(now: AxisLoop, controller: AxisController, earlier: Sequence[AxisLoop]) -> Joined:
@@ -56,30 +61,69 @@ def with_earlier(now: AxisLoop, controller: AxisController, earlier: Sequence[Ax
     Returns
     -------
     Joined
-        As it is where no earlier flight tells of the same vehicle.
+        As it is where no earlier flight tells of the axis, or one tells of another vehicle.
     """
-    plants, known_hz, used = now.plants, now.known_hz, dict[int, AxisLoop]()
-    for place, one in enumerate(earlier):
-        if plants is None or one.plants is None or one.contradicted:
-            continue
-        both = _together(plants, one.plants)
-        if both is not None:
-            plants, known_hz = both, max(known_hz, one.known_hz)
-            used[place] = one
-    if plants is None or not used:
+    if now.plants is None:
         return Joined(now)
+    told = {
+        place: (one, one.plants)
+        for place, one in enumerate(earlier)
+        if one.plants is not None and not one.contradicted
+    }
+    # One in twenty vehicles that did not change differs from any of its earlier flights.
+    p_values = [_same_by_chance(now.plants, plants) for _, plants in told.values()]
+    differ = tuple(
+        place for place, differs in zip(told, holm(p_values, _SAME_VEHICLE), strict=True) if differs
+    )
+    if differ or not told:
+        return Joined(now, differ=differ)
+    plants, known_hz = now.plants, now.known_hz
+    for one, others in told.values():
+        plants, known_hz = _together(plants, others), max(known_hz, one.known_hz)
     frame = now.frame
     if frame is not None:
-        frames = [one.frame for one in used.values() if one.frame is not None]
-        frame = flexible_mode.with_earlier(frame, frames, controller, plants.at(slice(0, 1)))
-        plants = plants._replace(modes=frame.modes)
+        frames = [one.frame for one, _ in told.values() if one.frame is not None]
+        frame = flexible_mode.with_earlier(frame, frames, controller, plants.at(slice(0, 1)), known_hz)
+        plants = plants._replace(modes=None if frame is None else frame.modes)
     margins, curve = loop_around(controller, plants, known_hz)
     loop = replace(now, plants=plants, known_hz=known_hz, frame=frame, margins=margins, curve=curve)
-    return Joined(loop, tuple(used))
+    return Joined(loop, tuple(told))
 
 
-def _together(now: Plant, earlier: Plant) -> Plant | None:
-    """Return the vehicles that two flights allow; None where they are of two vehicles.
+class _Both(NamedTuple):
+    """What two flights tell of the numbers that both draw, in standard deviations of the first.
+
+    ``told`` are the columns of `_numbers`, ``scale`` these deviations, ``spread`` the covariance between
+    flights.
+    """
+
+    told: IntArray
+    scale: FloatArray
+    new: _Drawn
+    old: _Drawn
+    spread: FloatArray
+
+
+def _both(now: Plant, earlier: Plant) -> _Both:
+    drawn, others = _numbers(now), _numbers(earlier)
+    told = np.flatnonzero((np.std(drawn[1:], axis=0) > 0.0) & (np.std(others[1:], axis=0) > 0.0))
+    scale = np.std(drawn[1:, told], axis=0)
+    spread = np.diag(2.0 * (_between_flights(drawn[0])[told] / scale) ** 2)
+    return _Both(told, scale, _drawn(drawn[:, told] / scale), _drawn(others[:, told] / scale), spread)
+
+
+def _same_by_chance(now: Plant, earlier: Plant) -> float:
+    """Return with what probability two flights of one vehicle differ as much."""
+    from scipy.stats import chi2
+
+    both = _both(now, earlier)
+    difference = both.old.mean - both.new.mean
+    covariance = both.new.covariance + both.old.covariance + both.spread
+    return float(chi2.sf(difference @ np.linalg.solve(covariance, difference), both.told.size))
+
+
+def _together(now: Plant, earlier: Plant) -> Plant:
+    """Return the vehicles that two flights of one vehicle allow.
 
     Notes
     -----
@@ -87,18 +131,8 @@ def _together(now: Plant, earlier: Plant) -> Plant | None:
     correlation is unknown: split covariance intersection (Julier and Uhlmann, 2001) holds for any. Between
     the flights battery, air and load change, as between this one and the next (`next_flight`).
     """
-    from scipy.stats import chi2
-
-    drawn, others = _numbers(now), _numbers(earlier)
-    told = np.flatnonzero((np.std(drawn[1:], axis=0) > 0.0) & (np.std(others[1:], axis=0) > 0.0))
-    scale = np.std(drawn[1:, told], axis=0)
-    new, old = _drawn(drawn[:, told] / scale), _drawn(others[:, told] / scale)
-    spread = np.diag(2.0 * (_between_flights(drawn[0])[told] / scale) ** 2)
-    difference = old.mean - new.mean
-    distance = difference @ np.linalg.solve(new.covariance + old.covariance + spread, difference)
-    if chi2.sf(distance, told.size) < _SAME_VEHICLE:
-        return None
-    shared = _SHARED[told]
+    told, scale, new, old, spread = _both(now, earlier)
+    drawn, difference, shared = _numbers(now), old.mean - new.mean, _SHARED[told]
     gain, covariance = min(
         (_fused(new.covariance, old.covariance + spread, shared, weight) for weight in _WEIGHTS),
         key=lambda both: float(np.linalg.slogdet(both[1])[1]),

@@ -151,8 +151,12 @@ def frame_modes(
 
 
 def with_earlier(
-    now: FrameModes, earlier: Sequence[FrameModes], controller: AxisController, estimate: Plant
-) -> FrameModes:
+    now: FrameModes,
+    earlier: Sequence[FrameModes],
+    controller: AxisController,
+    estimate: Plant,
+    known_hz: float,
+) -> FrameModes | None:
     """Return the modes that a flight and earlier ones of the same vehicle allow together.
 
     Noise of one flight is independent of that of another: what each mode explains of their spectra adds up.
@@ -165,20 +169,26 @@ def with_earlier(
         That of now.
     estimate : Plant
         The vehicle, alone.
+    known_hz : float
+        Up to where any of the flights measured a response that agrees with it: no mode is there.
 
     Returns
     -------
-    FrameModes
-        A line that an earlier flight alone shows has no place or height here.
+    FrameModes or None
+        A line that an earlier flight alone shows has no place or height here. None where no frequencies are
+        left for any.
     """
     evidence = now.evidence
-    if evidence is None or not any(one.evidence is not None for one in earlier):
+    if evidence is None:
         return now
-    gained = evidence.gained.copy()
+    above = evidence.natural_hz >= known_hz
+    if not above.any():
+        return None
+    natural_hz, gained = evidence.natural_hz[above], evidence.gained[above]
     for one in earlier:
         if one.evidence is not None:
-            gained += one.evidence.at(evidence.natural_hz)
-    wanted = _Candidates(evidence.natural_hz, *_kinds())
+            gained = gained + one.evidence.at(natural_hz)
+    wanted = _Candidates(natural_hz, *_kinds())
     modes, absent = _weighed(wanted, gained, (controller, estimate), now.modes.gain.size - 1)
     return replace(now, modes=modes, absent=absent, seen=absent < _SEEN)
 

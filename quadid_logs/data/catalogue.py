@@ -877,6 +877,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 scope="gains",
             ),
             _entry(
+                "QL626",
+                "This flight and an earlier one tell of two vehicles",
+                "The model of this axis differs from that of an earlier flight by more than their intervals "
+                "and what differs between flights of one vehicle. Either something changed, or one of the "
+                "flights misleads.",
+                "Look for what changed. If nothing did, fly the manoeuvre once more. If something did, leave "
+                "out the earlier flights.",
+                scope="gains",
+            ),
+            _entry(
                 "QL624",
                 "No common factor of P, I and D brings the margins to their limits",
                 "Neither higher nor lower gains meet the margins: filters, angle loop or motors take too "

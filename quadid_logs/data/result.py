@@ -31,10 +31,11 @@ class PooledLog:
 
 
 class EarlierFlight(NamedTuple):
-    """An earlier log of the same vehicle, and the axes that it told more of."""
+    """An earlier log of the same vehicle: the axes that it told more of, and those that it contradicts."""
 
     path: str
     axes: tuple[str, ...]
+    differ: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, kw_only=True, eq=False)

@@ -52,7 +52,12 @@ def tuning_text(
         "tool": {"name": "quadid-logs", **fields_of(provenance)},
         "log": log_dict(result.log, result.data),
         "earlier": [
-            {"log": printable(PurePath(one.path).name), "axes": list(one.axes)} for one in result.earlier
+            {
+                "log": printable(PurePath(one.path).name),
+                "axes": list(one.axes),
+                "differ": list(one.differ),
+            }
+            for one in result.earlier
         ],
         "limits": tuning.limits._asdict(),
         "ranges": {name: list(ends) for name, ends in tuning.ranges._asdict().items()},

@@ -11,6 +11,7 @@ from quadid_logs.control.earlier_flights import with_earlier as joined
 from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.earlier import with_earlier
 from quadid_logs.errors import SettingsError
+from quadid_logs.tuning import recommend
 from tests.control.loop_flights import Vehicle
 from tests.tuned_flights import flown
 
@@ -63,9 +64,17 @@ def test_joined_intervals_hold_the_truth_where_errors_of_lag_and_delay_are_the_s
     assert np.mean(inside) >= 0.9
 
 
-def test_a_flight_of_another_vehicle_is_left_out() -> None:
+def test_a_flight_of_another_vehicle_narrows_nothing_and_is_told() -> None:
     now, other = told(TRUTH), told(TRUTH * [1.5, 1.0, 1.0, 1.0])
-    assert joined(now, CONTROLLER, [other]) == (now, ())
+    assert joined(now, CONTROLLER, [told(TRUTH), other]) == (now, (), (1,))
+
+
+def test_flights_of_one_vehicle_seldom_tell_of_two() -> None:
+    random, alarms = np.random.default_rng(8), 0
+    for seed in range(100):
+        flights = [told(TRUTH + ERROR * random.standard_normal(4), seed=seed + place) for place in range(4)]
+        alarms += bool(joined(flights[3], CONTROLLER, flights[:3]).differ)
+    assert alarms <= 10
 
 
 def test_margins_are_those_of_the_joined_vehicles() -> None:
@@ -79,6 +88,20 @@ def test_margins_are_those_of_the_joined_vehicles() -> None:
     assert alone.margins is not None
     assert alone.margins.rate.crossover_hz is not None
     assert width < np.subtract(*alone.margins.rate.crossover_hz.ci95[::-1])
+
+
+def test_an_axis_that_an_earlier_flight_contradicts_is_not_tuned() -> None:
+    result = flown("ardupilot")
+    loop = result.closed_loop
+    assert loop is not None
+    roll = loop.axes["roll"]
+    assert roll.plants is not None
+    axes = {**loop.axes, "roll": replace(roll, plants=roll.plants.times(2.0))}
+    rows = tuple(replace(one, torque=0.5 * one.torque) for one in result.data.segments)
+    other = replace(result, data=replace(result.data, segments=rows), closed_loop=replace(loop, axes=axes))
+    both = with_earlier(result, [other])
+    assert both.earlier[0].differ == ("roll",)
+    assert [one.code for one in recommend(both, axes=["roll"]).axes["roll"].reasons] == ["QL626"]
 
 
 def test_the_same_log_again_adds_nothing() -> None:
