@@ -82,7 +82,7 @@ def may_rise(gain_db: FloatArray | float, most_up: float) -> FloatArray:
     Returns
     -------
     ndarray
-        Were the vehicle's own gain as many times higher than is told, the next flight would just be stable.
+        Were the vehicle's gain as many times higher than is told, the next flight would just be stable.
         Gains go no further than they are searched.
     """
     return np.clip(10.0 ** (np.asarray(gain_db) / 20.0), most_up, max(most_up, _BOUNDS[1]))
