@@ -141,19 +141,40 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
         findings=tuple(dict.fromkeys(one.code for one in faults)),
         searched=tuple(code for code, one in allowed.items() if one),
         axes_change=axes_change,
-        balance=_balance_of(steady, sent.place),
+        balance=_balance_of(steady, sent.place, rate),
     )
 
 
-def _balance_of(balances: _Balances, place: FloatArray) -> RotorBalance | None:
+def _balance_of(balances: _Balances, place: FloatArray, rate: CleanSeries | None) -> RotorBalance | None:
     if len(balances.balance) < FEWEST:
         return None
+    steady = balances.balance if rate is None else _without_turns(balances, rate)
     forward, right, yaw = (
         Quantity(one.value, "1", (one.value - one.half_width, one.value + one.half_width))
-        for one in (mean_of(column) for column in balances.balance.T)
+        for one in (mean_of(column) for column in steady.T)
     )
     rows = tuple((ahead, aside, spin) for ahead, aside, spin in place.tolist())
     return RotorBalance((forward, right, yaw), rows)
+
+
+def _without_turns(balances: _Balances, rate: CleanSeries) -> FloatArray:
+    """Return the balances without what turned the vehicle, and what its turning took, (n, 3).
+
+    Thrust forward turns pitch, thrust to the right roll. The means stay: what is taken has none.
+    """
+    middle_s, step_s = balances.time_s, float(np.median(np.diff(balances.time_s)))
+    steady = []
+    for column, axis in zip(balances.balance.T, (1, 0, 2), strict=True):
+        values = np.nan_to_num(rate.values[:, axis])
+        angle = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(rate.time_s))])
+        rates, angles = (
+            [np.interp(middle_s + side * step_s, rate.time_s, one) for side in (-0.5, 0.5)]
+            for one in (values, angle)
+        )
+        turns = np.column_stack([rates[1] - rates[0], angles[1] - angles[0]])
+        turns -= turns.mean(axis=0)
+        steady.append(column - turns @ np.linalg.lstsq(turns, column - column.mean(), rcond=None)[0])
+    return np.column_stack(steady)
 
 
 def weakened(before: RotorBalance, after: RotorBalance) -> tuple[int, Quantity] | None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from quadid_logs.data.health import Quantity, RotorBalance
-from quadid_logs.health.rotors import weakened
+from quadid_logs.health.rotors import _Balances, _without_turns, weakened
 
 HALF = 0.5**0.5
 #: Forward, right and spin: front right, back left (counter-clockwise), front left, back right.
@@ -87,3 +89,23 @@ def test_false_alarms_are_rare_where_nothing_changed_and_where_the_load_was_move
             alarms[case] += weakened(before, after) is not None
     assert alarms["nothing"] <= 1
     assert alarms["load"] <= 5
+
+
+def test_a_manoeuvre_widens_no_balance_and_moves_none() -> None:
+    """What turns the vehicle, and what its turning takes, is known from its rates."""
+    random = np.random.default_rng(6)
+    time_s, middle_s = np.arange(0.0, 24.0, 0.005), 0.125 + 0.25 * np.arange(96)
+    rates = np.column_stack([np.sin(time_s * hz + turn) for turn, hz in enumerate((2.0, 3.1, 1.3))])
+    series = SimpleNamespace(time_s=time_s, values=rates)
+    before, after = (
+        np.column_stack([np.interp(middle_s + side, time_s, one) for one in rates.T])
+        for side in (-0.125, 0.125)
+    )
+    change = after - before
+    trim = np.array([0.01, -0.02, 0.03])
+    noise = 0.002 * random.standard_normal((96, 3))
+    flown = trim + 0.5 * change[:, [1, 0, 2]] + noise
+    balances = _Balances(middle_s, flown - flown.mean(axis=0) + trim, np.ones(96))
+    steady = _without_turns(balances, series)  # type: ignore[arg-type]
+    assert np.std(steady, axis=0).max() < 0.003 < np.std(flown, axis=0).min()
+    np.testing.assert_allclose(steady.mean(axis=0), trim, atol=1e-12)
