@@ -14,6 +14,7 @@ from quadid_logs.control.command_units import per_command
 from quadid_logs.control.next_flight import EFFECTIVENESS_SPREAD, TIME_SPREAD_S
 from quadid_logs.control.room import Room, leads_back, room_of, whole
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
+from quadid_logs.data.health import RotorBalance
 from quadid_logs.data.model import Model, Parameter
 from quadid_logs.data.off_nominal import OFF_NOMINAL
 from quadid_logs.data.promise import (
@@ -31,9 +32,11 @@ from quadid_logs.data.promise import (
     QuantityKind,
     VehicleCheck,
     VehicleQuantity,
+    WeakRotor,
 )
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Tuning
+from quadid_logs.health.rotors import weakened
 from quadid_logs.maths.multiple_tests import holm
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.tuning import (
@@ -97,7 +100,13 @@ def promise_of(result: Result, tuning: Tuning, log_sha256: str = "") -> Promise 
         axes=axes,
         limits=tuning.limits,
         ranges=tuning.ranges,
+        balance=_balance(result),
     )
+
+
+def _balance(result: Result) -> RotorBalance | None:
+    rotors = None if result.health is None else result.health.rotors
+    return None if rotors is None else rotors.balance
 
 
 def _axis_promise(result: Result, axis: str, found: AxisTuning) -> AxisPromise:
@@ -176,7 +185,8 @@ def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
     axes = {axis: _axis_check(one, after, axis, obstacle) for axis, one in promise.axes.items()}
     vehicle = () if obstacle is not None else tuple(_vehicle_checks(promise, after))
     axes, vehicle = _decided_together(axes, vehicle)
-    outcome = _outcome(axes, vehicle, obstacle)
+    rotor = None if obstacle is not None else _weak_rotor(promise, after)
+    outcome = _outcome(axes, vehicle, rotor, obstacle)
     if obstacle is None:
         by_default = (promise.limits, promise.ranges) == (GOOD, OFF_NOMINAL)
         advised = tuning_of(after) if by_default else recommend(after, promise.limits, ranges=promise.ranges)
@@ -191,7 +201,17 @@ def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
         axes=axes,
         vehicle=vehicle,
         n_cells=n_cells,
+        rotor=rotor,
     )
+
+
+def _weak_rotor(promise: Promise, after: Result) -> WeakRotor | None:
+    """Return the rotor that gives less than in the flight of the promise."""
+    rotors = None if after.health is None else after.health.rotors
+    if rotors is None or rotors.balance is None or promise.balance is None:
+        return None
+    found = weakened(promise.balance, rotors.balance)
+    return None if found is None else WeakRotor(found[0], rotors.names[found[0]], found[1])
 
 
 def checked(before: Result, after: Result) -> Mapping[str, AxisCheck]:
@@ -394,13 +414,16 @@ def _held(one: AxisCheck, figures: tuple[FigureCheck, ...]) -> Held:
 
 
 def _outcome(
-    axes: Mapping[str, AxisCheck], vehicle: tuple[VehicleCheck, ...], obstacle: Obstacle | None
+    axes: Mapping[str, AxisCheck],
+    vehicle: tuple[VehicleCheck, ...],
+    rotor: WeakRotor | None,
+    obstacle: Obstacle | None,
 ) -> Outcome:
     if obstacle is not None:
         return Outcome.NOT_COMPARABLE
     promised = [one for one in axes.values() if one.obstacle is not Obstacle.NO_PROMISE]
     broken = any(one.held is Held.WORSE or one.obstacle is Obstacle.OTHER_GAINS for one in promised)
-    if broken or any(one.differs for one in vehicle):
+    if broken or rotor is not None or any(one.differs for one in vehicle):
         return Outcome.BROKEN
     compared = promised and all(one.obstacle is None for one in promised)
     return Outcome.KEPT if compared else Outcome.NOT_COMPARABLE

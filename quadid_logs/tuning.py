@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import chain
+from pathlib import PurePath
 from typing import Final
 
 import numpy as np
@@ -39,6 +40,7 @@ from quadid_logs.data.what_if import WhatIf
 from quadid_logs.diagnose.findings import finding
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.spectra import WINDOW_S
+from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, MULTIROTOR
 
 #: Two gains are the same, as they are typed in and held in single precision.
@@ -399,6 +401,7 @@ def _case(
         names=tunable.axes[axis],
         parameters=parameters,
         n_pooled=len(result.pooled),
+        differ=tuple(printable(PurePath(one.path).name) for one in result.earlier if axis in one.differ),
     )
     return case, model
 

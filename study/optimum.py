@@ -27,7 +27,8 @@ from quadid_logs.data.controller import AxisController
 from quadid_logs.data.off_nominal import AS_FLOWN
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, Tuning
-from quadid_logs.simulate import fly
+from quadid_logs.earlier import with_earlier
+from quadid_logs.simulate import fly, manoeuvres
 from quadid_logs.simulate.closed_loop import Setup
 from quadid_logs.simulate.effects import disturbance_density
 from quadid_logs.simulate.true_loop import true_controller, true_plant
@@ -54,6 +55,11 @@ N_CHANGES: Final = 3
 _MOST_FLIGHTS: Final = 6
 #: A pilot who is told to fly gentler manoeuvres does.
 _GENTLER: Final = 0.6
+#: A pilot who is told to fly manoeuvres that reach twice the crossover does: sums of sines from here, up to
+#: here at least [Hz], of so many times the rate of doublets.
+_BEGINS_HZ: Final = (0.25, 0.25, 0.15)
+_REACHES_HZ: Final = (6.0, 6.0, 2.0)
+_RMS: Final = (0.75, 0.75, 0.3)
 #: Gusts that make an attitude error [Hz].
 _GUSTS_HZ: Final = (0.05, 60.0)
 _N_GUSTS: Final = 400
@@ -212,11 +218,14 @@ def measure_road(seed: int, number: int) -> dict[str, Any]:
     judges: list[Judge] = []
     best: list[dict[str, Any]] = []
     flights: list[dict[str, Any]] = []
+    alone: list[Result] = []
+    differed = False
     n_changes = np.zeros(3, dtype=np.int64)
     for count in range(_MOST_FLIGHTS + 1):
         setup = setup_of(scenario, autopilot, factors, 1000 * seed + 10 * number + count)
         if count < _MOST_FLIGHTS and (n_changes < N_CHANGES).any():
-            result = analyzed(fly(setup), scenario)
+            alone.append(analyzed(fly(setup), scenario))
+            result = with_earlier(alone[-1], alone[:-1])
         if not judges:
             judges = [_judge(setup, result.log.parameters, axis) for axis in range(3)]
             best = [_best(one, factors[:, axis]) for axis, one in enumerate(judges)]
@@ -234,11 +243,19 @@ def measure_road(seed: int, number: int) -> dict[str, Any]:
             every, axes={axis: every.axes[axis] for axis, one in zip(AXES, may, strict=True) if one}
         )
         _recommended(told["axes"], result, tuning)
+        # Nothing changed: the odd flight is left out, or those before it once the next agrees with it.
+        differs = any(one.code == "QL626" for each in every.axes.values() for one in each.reasons)
+        alone = alone if not differs else alone[-1:] if differed else alone[:-1]
+        differed = differs
         gentler = any(one.code in {"QL617", "QL635"} for each in tuning.axes.values() for one in each.reasons)
-        if not tuning.changes and not gentler:
+        # Kept for what this flight does not show: the next one, with the same gains, shows more.
+        again = any(one.code in {"QL646", "QL647"} for each in tuning.axes.values() for one in each.reasons)
+        if not (tuning.changes or gentler or again or differs):
             break
         if gentler:
             scenario = dataclasses.replace(scenario, manoeuvre=_gentler(scenario.manoeuvre))
+        elif any(one.code == "QL647" for each in tuning.axes.values() for one in each.reasons):
+            scenario = dataclasses.replace(scenario, manoeuvre=_wider(scenario.manoeuvre, result))
         factors = factors * np.where(may, changed(every, result), 1.0)
         n_changes += [axis in tuning.axes and bool(tuning.axes[axis].changes) for axis in AXES]
     return {"number": number, "seed": seed, "gusts": gusts, **settings, "best": best, "flights": flights}
@@ -253,6 +270,21 @@ def _gentler(manoeuvre: Any) -> Any:
         if name in {"rms_rad_s", "amplitude_rad_s"}
     }
     return partial(manoeuvre.func, **{**manoeuvre.keywords, **smaller})
+
+
+def _wider(manoeuvre: Any, result: Result) -> Any:
+    """Return sums of sines that reach twice the crossover that is told, about as strong as what was flown."""
+    assert isinstance(manoeuvre, partial)
+    told = manoeuvre.keywords
+    rms = told.get("rms_rad_s") or tuple(part * told["amplitude_rad_s"] for part in _RMS)
+    highest_hz = []
+    for axis, least_hz in zip(AXES, _REACHES_HZ, strict=True):
+        loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
+        margins = None if loop is None else loop.margins
+        crossover = None if margins is None else margins.rate.crossover_hz
+        highest_hz.append(least_hz if crossover is None else max(2.0 * crossover.value, least_hz))
+    bands = tuple((low, high) for low, high in zip(_BEGINS_HZ, highest_hz, strict=True))
+    return partial(manoeuvres.multisine, rms_rad_s=rms, band_hz=bands)
 
 
 def _judge(setup: Setup, parameters: Mapping[str, float], axis: int) -> Judge:

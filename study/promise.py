@@ -19,8 +19,9 @@ from typing import Any, Final
 import numpy as np
 
 from quadid_logs.data.promise import Check, Outcome, Promise
+from quadid_logs.data.result import Result
 from quadid_logs.promise import FIGURES, check, promise_of
-from quadid_logs.simulate import fly
+from quadid_logs.simulate import Scenario, fly
 from quadid_logs.simulate.closed_loop import Record, Setup
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.tuning import recommend
@@ -83,7 +84,7 @@ def measure_promise(seed: int, number: int) -> dict[str, Any]:
     scenario, autopilot, settings = draw_vehicle(seed, number)
     rng = np.random.default_rng([seed, number, *b"detuning"])
     factors = of_each_gain(flyable(scenario, autopilot, rng))
-    first = analyzed(fly(setup_of(scenario, autopilot, factors, 1000 * seed + 10 * number)), scenario)
+    first = _analyzed(fly(setup_of(scenario, autopilot, factors, 1000 * seed + 10 * number)), scenario)
     tuning = recommend(first)
     promise = promise_of(first, tuning)
     told: dict[str, Any] = {"number": number, "seed": seed, **settings, "cases": {}}
@@ -95,12 +96,17 @@ def measure_promise(seed: int, number: int) -> dict[str, Any]:
     for count, (name, change) in enumerate(CASES.items(), start=1):
         setup = change(setup_of(scenario, autopilot, following, 1000 * seed + 10 * number + count))
         record = fly(setup)
-        result = analyzed(record, scenario)
+        result = _analyzed(record, scenario)
         told["cases"][name] = _described(check(promise, result))
         if change is _same:
             truth = flight_truth((record,), scenario="", boot_s=0.0)
             told["figures"] = _figures(promise, record, truth)
     return told
+
+
+def _analyzed(record: Record, scenario: Scenario) -> Result:
+    """Return the analysis of a flight's log, with what the log shows of the rotors."""
+    return analyzed(record, scenario, with_health=True)
 
 
 def _figures(promise: Promise, record: Record, truth: dict[str, Any]) -> list[dict[str, Any]]:
@@ -134,6 +140,7 @@ def _described(found: Check) -> dict[str, Any]:
         ]
         + [f"{one.kind.value} {one.axis} {one.command}".strip() for one in found.vehicle_changes],
         "n_vehicle": len(found.vehicle),
+        "rotor": None if found.rotor is None else [found.rotor.rotor, found.rotor.loss.value],
     }
 
 

@@ -28,6 +28,7 @@ from quadid_logs.data.closed_loop import LoopMargins, Margins
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.tuning import AxisTuning, GainNames, Tuning
+from quadid_logs.health import health_of
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
 from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights
@@ -172,15 +173,16 @@ def setup_of(scenario: Scenario, autopilot: str, factors: FloatArray, seed: int)
     return setup
 
 
-def analyzed(record: Record, scenario: Scenario) -> Result:
-    """Return the analysis of a flight's log."""
+def analyzed(record: Record, scenario: Scenario, *, with_health: bool = False) -> Result:
+    """Return the analysis of a flight's log; what it shows without a model where that is wanted."""
     (setup,), log = record.setups, log_flights((record,), scenario.logging)
     if setup.autopilot == "px4":
         # The simulator reads its gyro once in a loop, and so do loops that wait for it.
         log = dataclasses.replace(log, parameters=log.parameters | waits_for_gyro(setup.loop_hz))
-    prepared = prepare(log)
-    settings = Settings()
-    return judge(prepared.log, cut(prepared, settings.align), settings, vehicle=None, timings_s={})
+    prepared, settings = prepare(log), Settings()
+    data = cut(prepared, settings.align)
+    health = health_of(prepared, data) if with_health else None
+    return judge(prepared.log, data, settings, vehicle=None, timings_s={}, health=health)
 
 
 def waits_for_gyro(loop_hz: float) -> dict[str, float]:

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from quadid_logs.data.health import Health, Quantity, RotorBalance, Rotors
 from quadid_logs.data.model import Model
 from quadid_logs.data.off_nominal import AS_FLOWN, Ranges
 from quadid_logs.data.promise import Check, Decision, Flown, Held, Obstacle, Outcome, Promise, QuantityKind
@@ -322,3 +323,55 @@ def test_holm_rejects_what_bonferroni_rejects_and_nothing_above_the_level(p_valu
     assert not any(one and p > 0.05 for one, p in zip(rejected, p_values, strict=True))
     highest = max((p for one, p in zip(rejected, p_values, strict=True) if one), default=-1.0)
     assert all(one for one, p in zip(rejected, p_values, strict=True) if p < highest)
+
+
+def rotor_balance(gives: float) -> RotorBalance:
+    """Return the balance of a quad X whose front right rotor gives so much of its thrust."""
+    half = 0.5**0.5
+    place = ((half, half, 1.0), (-half, -half, 1.0), (half, -half, -1.0), (-half, half, -1.0))
+    sent = (1.0 / gives, 1.0, 1.0, 1.0)
+    centre = [
+        sum(one * row[column] for one, row in zip(sent, place, strict=True)) / sum(sent)
+        for column in range(3)
+    ]
+    forward, right, yaw = (
+        Quantity(value, "1", (value - width, value + width))
+        for value, width in zip(centre, (0.002, 0.002, 0.012), strict=True)
+    )
+    return RotorBalance((forward, right, yaw), place)
+
+
+def with_rotors(result: Result, gives: float) -> Result:
+    """Return a result whose log shows that balance."""
+    names = ("front right motor", "back left motor", "front left motor", "back right motor")
+    nothing = (None,) * 4
+    rotors = Rotors(
+        sentence="",
+        names=names,
+        effectiveness=nothing,
+        change=nothing,
+        mass_offset=None,
+        thrust_change=None,
+        shaking=nothing,
+        faults=(),
+        searched=(),
+        balance=rotor_balance(gives),
+    )
+    return replace(result, health=replace(result.health or Health(), rotors=rotors))
+
+
+def test_a_rotor_that_gives_a_fifth_less_breaks_the_promise(promise: Promise, followed: Result) -> None:
+    promised = replace(promise, balance=rotor_balance(1.0))
+    found = check(promised, with_rotors(followed, 0.8))
+    assert found.outcome is Outcome.BROKEN
+    assert found.rotor is not None
+    assert found.rotor.loss.value == pytest.approx(0.2, abs=0.005)
+    lines = " ".join(check_lines(promised, followed, found))
+    assert "Front right motor gives" in lines
+    assert json.loads(check_text(promised, followed, found))["vehicle"]["rotor"]["number"] == 1
+
+
+def test_the_balance_of_the_rotors_is_written_and_read(promise: Promise, tmp_path: Path) -> None:
+    promised = replace(promise, balance=rotor_balance(0.9))
+    (tmp_path / "promise.json").write_text(promise_text(promised, PROVENANCE), encoding="ascii")
+    assert read_promise(tmp_path).balance == promised.balance

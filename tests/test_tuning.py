@@ -152,7 +152,7 @@ def test_gains_that_are_too_high_are_lowered_though_the_frame_may_bend() -> None
 
 def test_low_gains_that_lack_phase_are_raised_towards_the_limits() -> None:
     """One step does not reach them, and keeping such gains would be called right."""
-    found = together(detuned(0.4)).axes["roll"]
+    found = together(detuned(0.2)).axes["roll"]
     assert found.verdict == "change"
     assert found.reasons[0].code == "QL660"
     assert found.now is not None
@@ -198,11 +198,28 @@ def test_high_gains_are_lowered(lowered: Tuning) -> None:
     assert all(one.target <= one.next < one.now for one in found.changes.values())
 
 
-def test_a_flight_changes_gains_by_one_step(raised: Tuning, lowered: Tuning) -> None:
+def worst_gain_margin(found: AxisTuning) -> float:
+    """Return by how much the gain of the next flight may rise in the worst vehicle and loop."""
+    assert found.next is not None
+    assert found.next.full is not None
+    both = [one.gain_margin_db for one in (found.next.rate, found.next.full)]
+    return min(10.0 ** (one.ci95[0] / 20.0) for one in both if one is not None)
+
+
+def test_a_flight_lowers_gains_by_no_more_than_half(lowered: Tuning) -> None:
     """A model that is wrong does no more harm than that."""
-    ratios = [one.next / one.now for each in (raised, lowered) for one in each.changes.values()]
-    assert min(ratios) >= 0.5 * 0.999
-    assert max(ratios) <= 2.0 * 1.001
+    assert min(one.next / one.now for one in lowered.changes.values()) >= 0.5 * 0.999
+
+
+def test_a_flight_raises_gains_by_no_more_than_its_worst_gain_margin(raised: Tuning) -> None:
+    """A vehicle whose gain is as many times what was told would just be stable."""
+    ratios = [one.next / one.now for one in raised.changes.values()]
+    assert max(ratios) <= max(2.0, worst_gain_margin(raised.axes["roll"])) * 1.01
+
+
+def test_gains_that_leave_much_gain_margin_are_raised_by_more_than_twice(raised: Tuning) -> None:
+    """From 15 dB in the worst vehicle 7.6 are left."""
+    assert min(one.next / one.now for one in raised.changes.values()) > 2.2
 
 
 def test_gains_at_their_target_are_kept(kept: Tuning) -> None:
@@ -257,8 +274,8 @@ def test_gains_apart_keep_the_limits_in_the_worst_vehicle(apart: AxisTuning) -> 
     assert spare(apart.next, GOOD) >= 1.0
 
 
-def test_a_flight_answers_no_more_than_twice_as_much_from_the_crossover_up(apart: AxisTuning) -> None:
-    """A vehicle whose gain is twice what was told would just be stable."""
+def test_a_flight_answers_more_by_no_more_than_its_worst_gain_margin(apart: AxisTuning) -> None:
+    """From the crossover up; a vehicle whose gain is as many times what was told would just be stable."""
     result = flown("ardupilot")
     following = {name: one.next for name, one in apart.changes.items()}
     answers = []
@@ -270,7 +287,7 @@ def test_a_flight_answers_no_more_than_twice_as_much_from_the_crossover_up(apart
         roll = controllers.axes["roll"]
         frequency_hz = np.geomspace(apart.now.rate.crossover_hz.value, 0.49 / roll.period_s, 200)
         answers.append(np.abs(on_rate(roll, frequency_hz) + on_angle(roll, frequency_hz)))
-    assert np.max(answers[1] / answers[0]) <= 2.0 * 1.01
+    assert np.max(answers[1] / answers[0]) <= max(2.0, worst_gain_margin(apart)) * 1.02
 
 
 def test_the_attitude_follows_as_fast_as_it_did(apart: AxisTuning) -> None:
@@ -411,7 +428,8 @@ def test_qgroundcontrol_loads_the_next_gains() -> None:
     tuning = together(result)
     lines = gain_files(result, tuning)["next.params"].splitlines()
     columns = [line.split("\t") for line in lines if not line.startswith("#")]
-    assert columns == [["7", "1", "MC_ROLLRATE_K", "2", "9"]]
+    following = tuning.axes["roll"].changes["MC_ROLLRATE_K"].next
+    assert columns == [["7", "1", "MC_ROLLRATE_K", f"{following:g}", "9"]]
 
 
 def test_a_kept_vehicle_gets_no_file(kept: Tuning) -> None:
@@ -485,7 +503,8 @@ def test_the_page_escapes_what_a_log_says(raised: Tuning) -> None:
 def test_the_page_says_what_changes_and_by_which_sign_to_land(raised: Tuning) -> None:
     """What a pilot looks for first."""
     page = tune_page(flown("ardupilot"), raised, NOWHERE)
-    assert "Roll: raise the gains to 200 %" in page
+    percent = round(100.0 * max(one.next / one.now for one in raised.changes.values()))
+    assert f"Roll: raise the gains to {percent} %" in page
     assert "Land if roll shakes or the motors buzz (near " in page
     assert "Then load back.param." in page
 
@@ -574,18 +593,16 @@ def test_a_step_that_does_not_reach_the_limits_says_so_and_how_many_flights_are_
     tuning = together(result)
     (axis,) = tune_view(result, tuning).axes
     n_flights = tuning.axes["roll"].flights_to_limits
-    assert n_flights > 1
-    assert (
-        f"Not there yet for 45 degrees and a disk margin of 0.67: expect about {n_flights} " in axis.sentence
-    )
+    assert n_flights >= 1
+    assert f"Not there yet for 45 degrees: expect about {n_flights} " in axis.sentence
     content = json.loads(tuning_text(result, tuning, NOWHERE, ()))["axes"]["roll"]
-    assert content["limits_missed"] == ["phase_deg", "disk"]
+    assert content["limits_missed"] == ["phase_deg"]
     assert content["direction"] == "raise"
 
 
 def test_gains_that_come_nearer_to_the_limits_and_end_below_them_promise_no_arrival() -> None:
     """No number of flights leads where one factor does not."""
-    result = detuned(0.4)
+    result = detuned(0.2)
     found = together(result).axes["roll"]
     short = replace(found, reasons=(*found.reasons, finding("QL638", "info", {}, axes=("roll",))))
     (axis,) = tune_view(result, Tuning(axes={"roll": short}, limits=GOOD)).axes

@@ -17,6 +17,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.tuning import GOOD, Limits, Tuning
 from quadid_logs.data.vehicle import Vehicle
+from quadid_logs.earlier import with_earlier
 from quadid_logs.errors import SettingsError
 from quadid_logs.identify.horizons import MEMORY_S, STEPS, RatePredictor, fit_predictor
 from quadid_logs.load import prepare, read_log
@@ -32,6 +33,7 @@ def tune(
     apart: bool = True,
     filters: bool = False,
     ranges: Ranges = OFF_NOMINAL,
+    earlier: Sequence[LogLike | Result] = (),
     settings: Settings | None = None,
     vehicle: Vehicle | None = None,
     progress: Progress | None = None,
@@ -53,6 +55,8 @@ def tune(
     ranges : Ranges
         Factors on mass, air density and propeller over which the limits are kept as well, as far as the flown
         gains do or any gains can.
+    earlier : sequence of str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
+        Flights of the same vehicle with other gains, or the same: they narrow what is known of it.
     settings : Settings, optional
     vehicle : Vehicle, optional
     progress : callable, optional
@@ -67,8 +71,8 @@ def tune(
     LogError
         If the file cannot be read as a flight log at all.
     SettingsError
-        If the part of the log that was chosen holds no flight, settings are given with a result, or a range
-        does not hold what flew.
+        If the part of the log that was chosen holds no flight, settings are given with a result, a range
+        does not hold what flew, or an earlier log is of another vehicle.
 
     Examples
     --------
@@ -79,7 +83,9 @@ def tune(
       pitch  refused  QL615 QL613
       yaw    refused  QL613>
     """
-    result = analyze(log, settings, vehicle=vehicle, progress=progress)
+    result: Result = analyze(log, settings, vehicle=vehicle, progress=progress)
+    if earlier:
+        result = with_earlier(result, [analyze(one, vehicle=vehicle, progress=progress) for one in earlier])
     if progress is not None:
         progress("tune")
     if limits == GOOD and apart and not filters and checked(ranges) == OFF_NOMINAL:

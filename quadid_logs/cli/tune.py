@@ -55,6 +55,14 @@ def tune(
             help="Folder in which the log gets its own [default: quadid-tune].",
         ),
     ] = None,
+    earlier: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--earlier",
+            metavar="LOG",
+            help="An earlier flight of the same vehicle, which narrows the intervals. May be repeated.",
+        ),
+    ] = None,
     vehicle: VehicleFile = None,
     start_s: StartS = None,
     end_s: EndS = None,
@@ -113,6 +121,7 @@ def tune(
     parameter file with the next gains and one with those that flew, which is never replaced. Exit code 0:
     gains to load, or to keep. 1: no advice on at least one axis. 2: the log could not be read.
     """
+    from quadid_logs.earlier import with_earlier
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.provenance import provenance_of
     from quadid_logs.report.tune_folder import check_tune_folder, tune_folder
@@ -122,14 +131,21 @@ def tune(
 
     limits = _limits(gain_margin_db, phase_margin_deg)
     ranges = _ranges(mass_range, density_range, propeller_range)
-    check_log(log)
+    for one in (log, *(earlier or ())):
+        check_log(one)
     provenance = provenance_of(log, str(context.obj or ""))
     folder = tune_folder(output or _DEFAULT_FOLDER, log, provenance.log_sha256, log_number)
     check_tune_folder(folder, force=force)
     described = None if vehicle is None else read_vehicle(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
+    before = []
+    for one in earlier or ():
+        with Progress(one.name, quiet=quiet) as progress:
+            own = settings_of(band=band, system=system)
+            before.append(analyze(one, own, vehicle=described, published=False, progress=progress))
     with Progress(log.name, quiet=quiet) as progress:
         result = analyze(log, settings, vehicle=described, published=False, progress=progress)
+        result = with_earlier(result, before)
         progress("tune")
         tuning = recommend(result, limits, apart=apart, filters=filters, ranges=ranges)
         forecasts = autotune_forecasts(result, tuning)
@@ -212,6 +228,9 @@ def _show(
     say(view.headline)
     for line in _axis_lines(view):
         say(line)
+    for one in result.earlier:
+        told = f"narrows {listed(one.axes)}" if one.axes else "narrows nothing"
+        say(f"  {printable(Path(one.path).name)} {told}")
     if tuning.refused:
         for step in view.steps:
             say(f"  next: {step}")

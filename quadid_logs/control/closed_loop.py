@@ -126,12 +126,12 @@ def _axis(
     effectiveness = Estimated(entry.value, entry.ci95)
     if wanted == "verdict":
         return AxisLoop(prediction=prediction, effectiveness=effectiveness)
-    loop = close(controller, known.plants, fine_grid_hz(controller.period_s))
+    margins, curve = loop_around(controller, known.plants, known_hz)
     return AxisLoop(
         prediction=prediction,
-        margins=_margins(controller, known.plants, loop, known_hz),
+        margins=margins,
         step=step_of(controller, known.plants, None if seen is None else seen.closed),
-        curve=_curve(loop, known_hz),
+        curve=curve,
         measured=None if seen is None else _measured(seen, controller, known.plants.at(slice(0, 1))),
         effectiveness=effectiveness,
         contradicted=known.supported.contradicted,
@@ -139,6 +139,26 @@ def _axis(
         frame=known.frame,
         plants=known.plants,
     )
+
+
+def loop_around(controller: AxisController, plants: Plant, known_hz: float) -> tuple[LoopMargins, LoopCurve]:
+    """Return the margins of a controller around vehicles, and their open loop to draw.
+
+    Parameters
+    ----------
+    controller : AxisController
+    plants : Plant
+        The estimate, then vehicles drawn around it.
+    known_hz : float
+        Up to where measurement supports the model.
+
+    Returns
+    -------
+    margins : LoopMargins
+    curve : LoopCurve
+    """
+    loop = close(controller, plants, fine_grid_hz(controller.period_s))
+    return _margins(controller, plants, loop, known_hz), _curve(loop, known_hz)
 
 
 class Vehicles(NamedTuple):

@@ -8,6 +8,8 @@ a line that is seen bounds the gain margin, and so does what a short or slow log
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -17,7 +19,7 @@ from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.control.frequency_response import MOST_OF_RATE
 from quadid_logs.control.loop import close, gyro_filters, rate_loop
 from quadid_logs.control.margins import fine_grid_hz
-from quadid_logs.data.closed_loop import FrameModes, Modes, Plant
+from quadid_logs.data.closed_loop import FrameModes, ModeEvidence, Modes, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.maths.band import ComplexArray
@@ -134,13 +136,8 @@ def frame_modes(
         return None
     noise = _noise(data, number, controller, estimate, fitted_hz)
     gained = _log_likelihood(noise, wanted, controller, estimate)
-    bands = _bands(wanted.natural_hz, gained)
-    present = np.array([_present(gained[band], wanted.natural_hz.size) for band in bands])
-    absent = float(np.prod(1.0 - present))
+    modes, absent = _weighed(wanted, gained, (controller, estimate), n)
     seen = absent < _SEEN
-    random = np.random.default_rng(_SEED)
-    drawn = [_drawn(wanted, gained, band, (controller, estimate), n, random) for band in bands]
-    modes = _most_of(drawn, present, seen, random)
     line_hz, height = _highest(noise, float(modes.natural_hz[0])) if seen else (np.nan, np.nan)
     return FrameModes(
         modes=modes,
@@ -149,7 +146,71 @@ def frame_modes(
         line_height=height,
         absent=absent,
         visible_hz=0.0 if noise is None else float(noise.frequency_hz[-1]),
+        evidence=ModeEvidence(wanted.natural_hz, _whatever_air(gained)),
     )
+
+
+def with_earlier(
+    now: FrameModes,
+    earlier: Sequence[FrameModes],
+    controller: AxisController,
+    estimate: Plant,
+    known_hz: float,
+) -> FrameModes | None:
+    """Return the modes that a flight and earlier ones of the same vehicle allow together.
+
+    Noise of one flight is independent of that of another: what each mode explains of their spectra adds up.
+
+    Parameters
+    ----------
+    now : FrameModes
+    earlier : sequence of FrameModes
+    controller : AxisController
+        That of now.
+    estimate : Plant
+        The vehicle, alone.
+    known_hz : float
+        Up to where any of the flights measured a response that agrees with it: no mode is there.
+
+    Returns
+    -------
+    FrameModes or None
+        A line that an earlier flight alone shows has no place or height here. None where no frequencies are
+        left for any.
+    """
+    evidence = now.evidence
+    if evidence is None:
+        return now
+    above = evidence.natural_hz >= known_hz
+    if not above.any():
+        return None
+    natural_hz, gained = evidence.natural_hz[above], evidence.gained[above]
+    for one in earlier:
+        if one.evidence is not None:
+            gained = gained + one.evidence.at(natural_hz)
+    wanted = _Candidates(natural_hz, *_kinds())
+    modes, absent = _weighed(wanted, gained, (controller, estimate), now.modes.gain.size - 1)
+    return replace(now, modes=modes, absent=absent, seen=absent < _SEEN)
+
+
+def _whatever_air(gained: FloatArray) -> FloatArray:
+    """Return the gain in log likelihood of each mode over all airs, (n_frequencies, n_modes)."""
+    by_air = gained.reshape(len(gained), len(_OF_AIR), -1)
+    most = by_air.max(axis=1)
+    mean = np.mean(np.exp(by_air - most[:, np.newaxis]), axis=1)
+    return np.asarray(most + np.log(mean), dtype=np.float64)
+
+
+def _weighed(
+    wanted: _Candidates, gained: FloatArray, loop: tuple[AxisController, Plant], n: int
+) -> tuple[Modes, float]:
+    """Draw modes by what they explain, that of the estimate first; and the probability that there is none."""
+    bands = _bands(wanted.natural_hz, gained)
+    present = np.array([_present(gained[band], wanted.natural_hz.size) for band in bands])
+    absent = float(np.prod(1.0 - present))
+    random = np.random.default_rng(_SEED)
+    drawn = [_drawn(wanted, gained, band, loop, n, random) for band in bands]
+    return _most_of(drawn, present, absent < _SEEN, random), absent
 
 
 def _candidates(controller: AxisController, fitted_hz: float, known_hz: float) -> _Candidates | None:
@@ -159,9 +220,14 @@ def _candidates(controller: AxisController, fitted_hz: float, known_hz: float) -
     )
     if not low_hz < high_hz:
         return None
-    damping_ratio, gain = (each.ravel() for each in np.meshgrid(_DAMPINGS, _GAINS, indexing="ij"))
     natural_hz = np.geomspace(low_hz, high_hz, int(np.log(high_hz / low_hz) / _STEP) + 2)
-    return _Candidates(natural_hz, damping_ratio, gain)
+    return _Candidates(natural_hz, *_kinds())
+
+
+def _kinds() -> tuple[FloatArray, FloatArray]:
+    """Return damping and gain of each kind of mode, (n_kinds,)."""
+    damping_ratio, gain = np.meshgrid(_DAMPINGS, _GAINS, indexing="ij")
+    return damping_ratio.ravel(), gain.ravel()
 
 
 def _noise(

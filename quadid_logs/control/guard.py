@@ -53,6 +53,8 @@ class Case:
         That flew.
     n_pooled : int
         Logs behind the one model, 0 for one.
+    differ : tuple of str
+        Names of earlier logs whose model of the axis this flight contradicts.
     """
 
     axis: str
@@ -65,6 +67,7 @@ class Case:
     names: GainNames
     parameters: Mapping[str, float]
     n_pooled: int = 0
+    differ: tuple[str, ...] = ()
 
     @property
     def limited_fraction(self) -> float:
@@ -91,6 +94,8 @@ def obstacles(case: Case) -> Iterator[Finding]:
     """
     if case.n_pooled:
         yield _refusal("QL623", case, {"logs": case.n_pooled})
+    if case.differ:
+        yield _refusal("QL626", case, {"logs": list(case.differ)})
     for check in (_verdict, _controller, _version, _changed, _replay, _limits, _mode, _loop):
         yield from check(case)
 

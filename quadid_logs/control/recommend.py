@@ -22,7 +22,15 @@ from quadid_logs.control.loop import rate_loop
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.off_nominal import N_PLANTS, OffNominal
 from quadid_logs.control.scaled_loop import HeldLoops, Kept, ScaledLoops, scaled_loops, spare
-from quadid_logs.control.separate_gains import Disturbed, Rebuild, SeparateGains, Step, separate_gains
+from quadid_logs.control.separate_gains import (
+    Disturbed,
+    Rebuild,
+    SeparateGains,
+    Step,
+    least_gain_db,
+    may_rise,
+    separate_gains,
+)
 from quadid_logs.control.step import Steps
 from quadid_logs.control.torque_noise import (
     Noise,
@@ -44,7 +52,8 @@ from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import AXES
 
 #: In one flight gains rise by no more than the gain margin that is to be kept: 6 dB. Were the vehicle's own
-#: gain so much higher than is told, the next flight would just be stable. They fall by no more than half.
+#: gain so much higher than is told, the next flight would just be stable. Where the worst vehicle has more
+#: than that with the next gains, they may rise by as much (`may_rise`). They fall by no more than half.
 MOST_UP: Final = 2.0
 MOST_DOWN: Final = 0.5
 #: Within these nothing is gained: effectiveness is not the same within some per cent from flight to flight,
@@ -591,7 +600,9 @@ class _Search:
 
     def _step(self, target: Found) -> _Step | None:
         """Return the change for the next flight; what reaches the limits keeps them in all drawn vehicles."""
-        factor = min(max(target.factor, MOST_DOWN), MOST_UP)
+        # The gain margin falls as the factor rises: both are alike at the root of what flew.
+        most_up = float(may_rise(0.5 * least_gain_db(self._loops.margins()), MOST_UP))
+        factor = min(max(target.factor, MOST_DOWN), most_up)
         # Where the flown gains are below the limits, a raise towards them has not reached them yet. A step
         # down that is not the last one has not, either; the last one goes further down until it has.
         last_down = factor < 1.0 and target.reached and factor >= target.factor

@@ -23,6 +23,8 @@ from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import Limits
 from quadid_logs.maths.band import ComplexArray
 
+#: Of each loop: gain up, gain down, phase, disk.
+N_LIMITS: Final = 4
 #: A limit of nothing is always kept.
 _NOTHING: Final = 1e-9
 

@@ -15,7 +15,7 @@ from quadid_logs.control.gain_paths import GainPaths, gain_paths
 from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import integrators
 from quadid_logs.control.margins import POINTS_AT_ONCE, figures_of, unmodelled
-from quadid_logs.control.scaled_loop import HeldLoops, Kept, ScaledLoops, spare_of
+from quadid_logs.control.scaled_loop import N_LIMITS, HeldLoops, Kept, ScaledLoops, spare_of
 from quadid_logs.control.torque_noise import Gusts, Spectrum, gusts_of, lowest_noise_hz, noise_band
 from quadid_logs.data.closed_loop import LoopMargins, Plant
 from quadid_logs.data.controller import AxisController
@@ -67,6 +67,41 @@ _AS_FLOWN: Final = 2
 #: Where the loop's gain is this small, it may be twice as large, or four times, without a change of
 #: stability.
 _SMALL_LOOP: Final = 0.1
+
+
+def may_rise(gain_db: FloatArray | float, most_up: float) -> FloatArray:
+    """Return by how much a controller's gain may rise in one flight.
+
+    Parameters
+    ----------
+    gain_db : ndarray or float
+        Gain margin of the next flight in the worst vehicle that is allowed.
+    most_up : float
+        With the gain margin that is to be kept.
+
+    Returns
+    -------
+    ndarray
+        Were the vehicle's gain as many times higher than is told, the next flight would just be stable.
+        Gains go no further than they are searched.
+    """
+    return np.clip(10.0 ** (np.asarray(gain_db) / 20.0), most_up, max(most_up, _BOUNDS[1]))
+
+
+def least_gain_db(margins: LoopMargins) -> float:
+    """Return the worst gain margin of the loops of an axis [dB], infinite where they have none.
+
+    Parameters
+    ----------
+    margins : LoopMargins
+
+    Returns
+    -------
+    float
+    """
+    both = (margins.rate, margins.full)
+    told = (one.gain_margin_db for one in both if one is not None)
+    return min((one.ci95[0] for one in told if one is not None), default=math.inf)
 
 
 class Step(NamedTuple):
@@ -417,7 +452,7 @@ class SeparateGains:
             -self._noise.beyond(loop)[:, np.newaxis],
         ]
         if np.isfinite(most_up):
-            kept.append(np.log(most_up / self._rises(factors))[:, np.newaxis])
+            kept.append(np.log(self._may_rise(kept[0] + 1.0, most_up) / self._rises(factors))[:, np.newaxis])
         slower = np.maximum(self._flown_hz / attitude.bandwidth_hz, 1.0)
         # A load off centre and a bent arm are in no spectrum of gusts: the integral falls with P.
         integral, proportional = (
@@ -426,6 +461,16 @@ class SeparateGains:
         weaker = np.maximum(np.minimum(proportional, 1.0) / integral, 1.0)
         error_rad = self._gusts.attitude_rad(loop.whole)
         return np.log(slower * weaker * error_rad), np.minimum(np.concatenate(kept, axis=1), 1.0)
+
+    def _may_rise(self, spare: FloatArray, most_up: float) -> FloatArray:
+        """Return by how much the controller's gain may rise, (n_sets,), for what vehicles keep of limits.
+
+        ``spare`` is that of each vehicle and limit, (n_sets, n_vehicles * n_limits): see `may_rise`.
+        """
+        loops = 1 if self._loops.angle is None else 2
+        each = spare.reshape(len(spare), -1, loops, N_LIMITS)
+        gain_db = self._limits.gain_db * np.min(each[..., 0], axis=(1, 2))
+        return np.asarray(may_rise(gain_db, most_up))
 
     def _at(self, factors: Mapping[str, FloatArray]) -> _Loop:
         """Return the loops of the estimate with other gains."""
@@ -650,7 +695,8 @@ class SeparateGains:
         target : mapping of str to float
             Factors.
         most_up : float
-            By which the controller's gain may rise in one flight, from the crossover up.
+            By which the controller's gain may rise in one flight, from the crossover up, whatever margin that
+            leaves above the limits: more where it leaves as much more (`may_rise`).
 
         Returns
         -------
@@ -662,17 +708,17 @@ class SeparateGains:
         if all(factor == 1.0 for factor in target.values()) and not self._is_refiltered:
             return None
         best = dict(target)
-        if self._rises(_sets(target))[0] > most_up:
-            part = _largest(lambda part: self._rises(_sets(_towards(target, part)))[0] <= most_up, 1.0)
+        if not self._is_small_step(target, most_up):
+            part = _largest(lambda part: self._is_small_step(_towards(target, part), most_up), 1.0)
             near = _towards(target, part)
             # No gain goes beyond its target, to come back later.
             bounds = {name: (min(1.0, factor), max(1.0, factor)) for name, factor in target.items()}
             best = self._searched(near, bounds, most_up)
-        found = self._promised(best)
+        found = self._promised(best, most_up)
         low, high = 0.0, 1.0
         for _ in range(0 if found is not None else _HALVINGS):
             middle = 0.5 * (low + high)
-            tried = self._promised(_towards(best, middle))
+            tried = self._promised(_towards(best, middle), most_up)
             low, high, found = (low, middle, found) if tried is None else (middle, high, tried)
         if found is None:
             return None
@@ -680,8 +726,14 @@ class SeparateGains:
         more_flights = self._more_flights(factors, target, most_up)
         return Step(self._changes(factors, target), controller, promised, more_flights)
 
+    def _is_small_step(self, factors: Mapping[str, float], most_up: float) -> bool:
+        """Tell whether the controller's gain rises by no more than it may, by the vehicles that decide."""
+        sets = _sets(factors)
+        spare = self._spare(self._paths.at(sets), self._decisive).reshape(1, -1)
+        return bool(self._rises(sets)[0] <= self._may_rise(spare, most_up)[0])
+
     def _promised(
-        self, factors: Mapping[str, float]
+        self, factors: Mapping[str, float], most_up: float
     ) -> tuple[dict[str, float], AxisController, LoopMargins] | None:
         """Return gains with what they promise, None where some vehicles keep too little."""
         changed = {name: 1.0 if abs(one - 1.0) < _UNCHANGED else one for name, one in factors.items()}
@@ -693,6 +745,9 @@ class SeparateGains:
             return None
         promised = self._loops.of(controller).margins()
         if not self._held.keep_with(controller, self._limits, self._enough, promised):
+            return None
+        # Steps are cut at the limit, which rounding may be beyond.
+        if self._rises(_sets(changed))[0] > (1.0 + _UNCHANGED) * may_rise(least_gain_db(promised), most_up):
             return None
         return changed, controller, promised
 

@@ -891,6 +891,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 scope="gains",
             ),
             _entry(
+                "QL626",
+                "This flight and an earlier one tell of two vehicles",
+                "The model of this axis differs from that of an earlier flight by more than their intervals "
+                "and what differs between flights of one vehicle. Either something changed, or one of the "
+                "flights misleads.",
+                "Look for what changed. If nothing did, fly the manoeuvre once more. If something did, leave "
+                "out the earlier flights.",
+                scope="gains",
+            ),
+            _entry(
                 "QL624",
                 "No common factor of P, I and D brings the margins to their limits",
                 "Neither higher nor lower gains meet the margins: filters, angle loop or motors take too "
@@ -1102,7 +1112,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "With the estimated model, the margins meet their limits. In the worst case that has to "
                 "be expected on the next flight, they do not. The intervals are too wide to raise the "
                 "gains, and give no reason to lower them.",
-                "Keep the gains. For narrower intervals fly the manoeuvre again, longer, in calmer air.",
+                "Keep the gains. For narrower intervals fly the manoeuvre again, longer, in calmer air, and "
+                "give this log with `--earlier` when you tune from the next one.",
             ),
             _entry(
                 "QL647",
@@ -1111,7 +1122,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "quarter or more. In the worst case that has to be expected on the next flight, they "
                 "would not keep the margins.",
                 "Keep the gains. To go further, fly longer, in calmer air, with manoeuvres that reach twice "
-                "the crossover.",
+                "the crossover, and give this log with `--earlier` when you tune from the next one.",
                 scope="gains",
             ),
             _entry(
@@ -1128,7 +1139,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The log does not rule out that the frame bends",
                 "A frame that bends above the fitted band would take gain margin. This log is too slow, too "
                 "short or too noisy to show it. That is no reason to lower the gains, nor to raise them.",
-                "Log rates and torque at 400 Hz or more, and fly for a minute.",
+                "Log rates and torque at 400 Hz or more, and fly for a minute; or give this log with "
+                "`--earlier` when you tune from the next one.",
                 scope="gains",
             ),
         )

@@ -161,6 +161,32 @@ class Plant(NamedTuple):
         return np.divide(B * (1.0 + 1j * w * lead_s) if np.any(lead_s) else B, response, out=response)
 
 
+class ModeEvidence(NamedTuple):
+    """By how much modes explain the spectrum of a flight better than none, as logarithms of likelihoods.
+
+    ``natural_hz`` is (n_frequencies,), ``gained`` (n_frequencies, n_kinds): kinds are the same for all logs.
+    """
+
+    natural_hz: FloatArray
+    gained: FloatArray
+
+    def at(self, natural_hz: FloatArray) -> FloatArray:
+        """Return what the nearest of the frequencies tell; beyond them nothing is told.
+
+        Parameters
+        ----------
+        natural_hz : ndarray, shape (n,)
+
+        Returns
+        -------
+        ndarray, shape (n, n_kinds)
+        """
+        logs = np.log(self.natural_hz)
+        nearest = np.rint(np.interp(np.log(natural_hz), logs, np.arange(logs.size))).astype(np.int64)
+        known = (natural_hz >= self.natural_hz[0]) & (natural_hz <= self.natural_hz[-1])
+        return np.where(known[:, np.newaxis], self.gained[nearest], 0.0)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameModes:
     """Modes of the frame that the flight allows about one axis, above the fitted band.
@@ -177,6 +203,8 @@ class FrameModes:
         Probability that there is no mode.
     visible_hz : float
         Up to where the log shows the spectrum of the rate, 0 nowhere.
+    evidence : ModeEvidence or None
+        Of each mode that was looked for, to be added to that of other flights.
     """
 
     modes: Modes
@@ -185,6 +213,7 @@ class FrameModes:
     line_height: float
     absent: float
     visible_hz: float
+    evidence: ModeEvidence | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

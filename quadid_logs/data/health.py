@@ -432,6 +432,17 @@ class RotorFault:
     sentence: str
 
 
+class RotorBalance(NamedTuple):
+    """Where the thrust that the rotors are sent is on the whole, and where each rotor is.
+
+    ``centre`` is that of thrust, forward and to the right in lengths of the longest arm, and the balance of
+    yaw: thrusts weighted by spin, of the whole. ``place`` is, for each rotor, forward, right and spin.
+    """
+
+    centre: tuple[Quantity, Quantity, Quantity]
+    place: tuple[tuple[float, float, float], ...]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rotors(Topic):
     """How much each rotor gives of what it is sent, and what is wrong with them.
@@ -459,6 +470,8 @@ class Rotors(Topic):
         The surest first.
     searched : tuple of str
         Codes of the tests that this log allows.
+    balance : RotorBalance or None
+        Of the part of the flight without a sudden loss; None where it is too short.
     """
 
     names: tuple[str, ...]
@@ -470,6 +483,7 @@ class Rotors(Topic):
     faults: tuple[RotorFault, ...]
     searched: tuple[str, ...]
     axes_change: tuple[Quantity, ...] = ()
+    balance: RotorBalance | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from quadid_logs.data.closed_loop import Estimated, LoopMargins
+from quadid_logs.data.health import Quantity, RotorBalance
 from quadid_logs.data.off_nominal import OFF_NOMINAL, Ranges
 from quadid_logs.data.tuning import Limits, TuningVerdict
 
@@ -84,6 +85,8 @@ class Promise:
     limits : Limits
     ranges : Ranges
         With which the gains were recommended.
+    balance : RotorBalance or None
+        Of the rotors, by which one that weakens is recognised; None where the log does not tell it.
     """
 
     log: str
@@ -99,6 +102,7 @@ class Promise:
     axes: Mapping[str, AxisPromise]
     limits: Limits
     ranges: Ranges = OFF_NOMINAL
+    balance: RotorBalance | None = None
 
 
 class Flown(StrEnum):
@@ -213,6 +217,14 @@ class AxisCheck:
     decision: Decision = Decision.NO_ADVICE
 
 
+class WeakRotor(NamedTuple):
+    """A rotor, its number from 0, its name, and the part of its thrust that it lost between two flights."""
+
+    rotor: int
+    name: str
+    loss: Quantity
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Check:
     """A promise held against the next flight.
@@ -227,6 +239,8 @@ class Check:
     vehicle : tuple of VehicleCheck
     n_cells : tuple of int
         Of the batteries of both flights, 0 where not known.
+    rotor : WeakRotor or None
+        That gives less thrust for the same command than in the flight of the promise.
     """
 
     outcome: Outcome
@@ -235,11 +249,17 @@ class Check:
     axes: Mapping[str, AxisCheck]
     vehicle: tuple[VehicleCheck, ...]
     n_cells: tuple[int, int]
+    rotor: WeakRotor | None = None
 
     @property
     def vehicle_changes(self) -> tuple[VehicleCheck, ...]:
         """The numbers of the vehicle that are not those of the flight of the promise."""
         return tuple(one for one in self.vehicle if one.differs)
+
+    @property
+    def is_other_vehicle(self) -> bool:
+        """Whether a number of the vehicle or one of its rotors is not what it was."""
+        return self.rotor is not None or bool(self.vehicle_changes)
 
     def __repr__(self) -> str:
         lines = [f"<Check: {self.outcome.value}, {self.decision.value}"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePath
+from typing import NamedTuple
 
 from quadid_logs.data.closed_loop import ClosedLoop
 from quadid_logs.data.diagnosis import Diagnosis, Verdict
@@ -29,13 +30,21 @@ class PooledLog:
     same_as: str = ""
 
 
+class EarlierFlight(NamedTuple):
+    """An earlier log of the same vehicle: the axes that it told more of, and those that it contradicts."""
+
+    path: str
+    axes: tuple[str, ...]
+    differ: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, slots=True, weakref_slot=True, kw_only=True, eq=False)
 class Result:
     """The chain's objects, one per stage, and the seconds that each stage took.
 
     ``pooled`` names the logs where the model is that of several; ``log`` is
     then the first that flew. ``closed_loop`` is None where no controller is known; ``health`` is what the
-    log shows of its flight, None where nobody looked.
+    log shows of its flight, None where nobody looked. ``earlier`` are the flights that narrowed its loops.
 
     Examples
     --------
@@ -54,6 +63,7 @@ class Result:
     health: Health | None = None
     vehicle: Vehicle | None = None
     pooled: tuple[PooledLog, ...] = ()
+    earlier: tuple[EarlierFlight, ...] = ()
     timings_s: Mapping[str, float] = field(default_factory=dict)
 
     @property

@@ -16,7 +16,7 @@ import numpy as np
 from quadid_logs.align import Prepared
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.health import Quantity, RotorFault, Rotors
+from quadid_logs.data.health import Quantity, RotorBalance, RotorFault, Rotors
 from quadid_logs.health.commanded import Commanded, commanded_thrust
 from quadid_logs.health.desync import find_desync
 from quadid_logs.health.effectiveness import directions, find_effectiveness
@@ -141,7 +141,82 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
         findings=tuple(dict.fromkeys(one.code for one in faults)),
         searched=tuple(code for code, one in allowed.items() if one),
         axes_change=axes_change,
+        balance=_balance_of(steady, sent.place, rate),
     )
+
+
+def _balance_of(balances: _Balances, place: FloatArray, rate: CleanSeries | None) -> RotorBalance | None:
+    if len(balances.balance) < FEWEST:
+        return None
+    steady = balances.balance if rate is None else _without_turns(balances, rate)
+    forward, right, yaw = (
+        Quantity(one.value, "1", (one.value - one.half_width, one.value + one.half_width))
+        for one in (mean_of(column) for column in steady.T)
+    )
+    rows = tuple((ahead, aside, spin) for ahead, aside, spin in place.tolist())
+    return RotorBalance((forward, right, yaw), rows)
+
+
+def _without_turns(balances: _Balances, rate: CleanSeries) -> FloatArray:
+    """Return the balances without what turned the vehicle, and what its turning took, (n, 3).
+
+    Thrust forward turns pitch, thrust to the right roll. The means stay: what is taken has none.
+    """
+    middle_s, step_s = balances.time_s, float(np.median(np.diff(balances.time_s)))
+    steady = []
+    for column, axis in zip(balances.balance.T, (1, 0, 2), strict=True):
+        values = np.nan_to_num(rate.values[:, axis])
+        angle = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(rate.time_s))])
+        rates, angles = (
+            [np.interp(middle_s + side * step_s, rate.time_s, one) for side in (-0.5, 0.5)]
+            for one in (values, angle)
+        )
+        turns = np.column_stack([rates[1] - rates[0], angles[1] - angles[0]])
+        turns -= turns.mean(axis=0)
+        steady.append(column - turns @ np.linalg.lstsq(turns, column - column.mean(), rcond=None)[0])
+    return np.column_stack(steady)
+
+
+def weakened(before: RotorBalance, after: RotorBalance) -> tuple[int, Quantity] | None:
+    """Return the rotor that gives less than in an earlier flight, and by how much less.
+
+    Parameters
+    ----------
+    before, after : RotorBalance
+        Of two flights of one vehicle.
+
+    Returns
+    -------
+    (int, Quantity) or None
+        None where no rotor alone explains how the balances moved. A load that was moved, or wind, moves the
+        centre of thrust and not the balance of yaw.
+    """
+    if before.place != after.place:
+        return None
+    place = np.array(after.place)
+    moved = [
+        Difference(new.value - old.value, float(np.hypot(_half_width(old), _half_width(new))))
+        for old, new in zip(before.centre, after.centre, strict=True)
+    ]
+    value, half_width = (np.array(part) for part in zip(*moved, strict=True))
+    found: list[tuple[float, int, Quantity]] = []
+    for rotor, arm in enumerate(_arms(place)):
+        along, across = (
+            Difference(float(way @ value[:2]), float(np.linalg.norm(way * half_width[:2])))
+            for way in (arm, np.array([-arm[1], arm[0]]))
+        )
+        yaw = Difference(float(value[2] * place[rotor, 2]), float(half_width[2]))
+        fit = _fit(rotor, place, along, across, yaw)
+        if along.value > _CONTRADICTS * along.half_width and fit is not None and fit.yaw_is_sure:
+            found.append((along.value / along.half_width, rotor, _loss(fit.gives)))
+    if not found:
+        return None
+    _, rotor, loss = max(found)
+    return rotor, loss
+
+
+def _half_width(one: Quantity) -> float:
+    return np.inf if one.ci95 is None else 0.5 * (one.ci95[1] - one.ci95[0])
 
 
 _WEAK, _LOST, _SHAKES, _DESYNC, _MASS = "QL430", "QL431", "QL432", "QL433", "QL434"

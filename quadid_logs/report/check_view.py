@@ -18,6 +18,7 @@ from quadid_logs.data.promise import (
     Promise,
     QuantityKind,
     VehicleCheck,
+    WeakRotor,
 )
 from quadid_logs.data.result import Result
 from quadid_logs.report.commands import on_log
@@ -28,7 +29,7 @@ from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
 
 #: Minor steps add keys, a major step changes or removes one.
-SCHEMA_VERSION: Final = "1.0"
+SCHEMA_VERSION: Final = "1.1"
 _HEADLINES: Final = {
     Outcome.KEPT: "the promise was kept",
     Outcome.BROKEN: "the promise was broken",
@@ -148,6 +149,14 @@ def _figure_words(figure: FigureCheck) -> str:
 def _vehicle_lines(found: Check) -> Iterator[str]:
     """Yield what of the vehicle is not as it was, and what to look at."""
     changes = found.vehicle_changes
+    if found.rotor is not None:
+        loss = found.rotor.loss
+        ends = (loss.value, loss.value) if loss.ci95 is None else loss.ci95
+        percent = estimate(*(100.0 * one for one in (loss.value, *ends)))
+        yield (
+            f"{found.rotor.name.capitalize()} gives {percent} % less thrust than then for the same command: "
+            "check its propeller, motor and ESC."
+        )
     for one in changes:
         yield _change_words(one)
     kinds = {one.kind for one in changes}
@@ -189,7 +198,7 @@ def _decision_lines(promise: Promise, after: Result, found: Check) -> Iterator[s
             yield "keep: these gains suit the vehicle as it flew. Find what changed before you fly again."
         case Decision.KEEP:
             yield "keep: fly on with these gains."
-        case Decision.GO_ON if found.vehicle_changes:
+        case Decision.GO_ON if found.is_other_vehicle:
             yield "go on only when you know what changed: find it before you fly again."
             yield f"If you changed it on purpose, tune from this flight: {again}"
         case Decision.GO_ON:
@@ -228,7 +237,8 @@ def check_text(promise: Promise, after: Result, found: Check) -> str:
         "reason": None if found.obstacle is None else found.obstacle.value,
         "axes": {axis: _axis_dict(one) for axis, one in found.axes.items()},
         "vehicle": {
-            "changed": bool(found.vehicle_changes),
+            "changed": found.is_other_vehicle,
+            "rotor": _rotor_dict(found.rotor),
             "n_cells": {"promised": found.n_cells[0], "measured": found.n_cells[1]},
             "quantities": [
                 {"kind": one.kind.value, "axis": one.axis, "command": one.command, **_test(one)}
@@ -237,6 +247,12 @@ def check_text(promise: Promise, after: Result, found: Check) -> str:
         },
     }
     return strict_text(content)
+
+
+def _rotor_dict(rotor: WeakRotor | None) -> dict[str, Any] | None:
+    if rotor is None:
+        return None
+    return {"number": rotor.rotor + 1, "name": rotor.name, "loss": rotor.loss.value, "ci95": rotor.loss.ci95}
 
 
 def _axis_dict(one: AxisCheck) -> dict[str, Any]:

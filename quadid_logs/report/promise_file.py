@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final, NoReturn, cast, get_args
 
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
+from quadid_logs.data.health import Quantity, RotorBalance
 from quadid_logs.data.off_nominal import OFF_NOMINAL, Ranges, checked
 from quadid_logs.data.promise import AxisPromise, Gain, Promise, QuantityKind, VehicleQuantity
 from quadid_logs.data.tuning import Limits, TuningVerdict
@@ -21,11 +22,12 @@ from quadid_logs.vocabulary import AXES
 
 PROMISE_FILE: Final = "promise.json"
 #: Minor steps add keys, a major step changes or removes one.
-SCHEMA_VERSION: Final = "1.1"
+SCHEMA_VERSION: Final = "1.2"
 _KIND: Final = "promise"
 #: Ours have 20 kB.
 _MOST_BYTES: Final = 1_000_000
 _MOST_GAINS, _MOST_QUANTITIES, _MOST_CELLS = 100, 40, 100
+_MOST_ROTORS: Final = 32
 _LONGEST_TEXT: Final = 300
 
 
@@ -64,12 +66,20 @@ def promise_text(promise: Promise, provenance: Provenance) -> str:
                 }
                 for one in promise.quantities
             ],
+            "balance": _balance_dict(promise.balance),
         },
         "limits": promise.limits._asdict(),
         "ranges": {name: list(ends) for name, ends in promise.ranges._asdict().items()},
         "axes": {axis: _axis_dict(one) for axis, one in promise.axes.items()},
     }
     return strict_text(content)
+
+
+def _balance_dict(balance: RotorBalance | None) -> dict[str, Any] | None:
+    if balance is None:
+        return None
+    centre = [{"value": one.value, "ci95": one.ci95} for one in balance.centre]
+    return {"centre": centre, "place": balance.place}
 
 
 def _axis_dict(one: AxisPromise) -> dict[str, Any]:
@@ -160,6 +170,24 @@ class _Reader:
             axes={axis: self._axis(axes[axis], axis) for axis in AXES if axis in axes},
             limits=Limits(*(self._number(limits, name) for name in Limits._fields)),
             ranges=self._ranges(top.get("ranges")),
+            balance=self._balance(vehicle.get("balance")),
+        )
+
+    def _balance(self, content: object) -> RotorBalance | None:
+        """Return the balance of the rotors, which files before version 1.2 do not have."""
+        if content is None:
+            return None
+        table = self._table(content, "balance")
+        each = [self._table(one, "centre") for one in self._list(table.get("centre"), "centre", 3)]
+        rows = [self._list(one, "place", 3) for one in self._list(table.get("place"), "place", _MOST_ROTORS)]
+        if len(each) != 3 or any(len(row) != 3 for row in rows):
+            self._refuse("balance")
+        forward, right, yaw = (
+            Quantity(one.value, "1", one.ci95) for one in (self._estimated(every, "centre") for every in each)
+        )
+        place = [[self._finite(number, "place") for number in row] for row in rows]
+        return RotorBalance(
+            (forward, right, yaw), tuple((ahead, aside, spin) for ahead, aside, spin in place)
         )
 
     def _ranges(self, content: object) -> Ranges:

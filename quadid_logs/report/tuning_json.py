@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import PurePath
 from typing import Any
 
 from quadid_logs.control.room import has_way_back, missed
@@ -14,9 +15,10 @@ from quadid_logs.report.json import fields_of, finding_dict, log_dict, strict_te
 from quadid_logs.report.loop_json import margins_dict
 from quadid_logs.report.off_nominal import off_nominal_dict
 from quadid_logs.report.provenance import Provenance
+from quadid_logs.untrusted import printable
 
 #: Minor steps add keys, a major step changes or removes one.
-SCHEMA_VERSION = "1.3"
+SCHEMA_VERSION = "1.4"
 
 
 def tuning_text(
@@ -49,6 +51,14 @@ def tuning_text(
         "schema_version": SCHEMA_VERSION,
         "tool": {"name": "quadid-logs", **fields_of(provenance)},
         "log": log_dict(result.log, result.data),
+        "earlier": [
+            {
+                "log": printable(PurePath(one.path).name),
+                "axes": list(one.axes),
+                "differ": list(one.differ),
+            }
+            for one in result.earlier
+        ],
         "limits": tuning.limits._asdict(),
         "ranges": {name: list(ends) for name, ends in tuning.ranges._asdict().items()},
         "axes": {

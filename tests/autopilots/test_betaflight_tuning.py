@@ -80,10 +80,14 @@ def test_a_curve_of_throttle_attenuation_is_named() -> None:
 
 
 def test_the_next_gains_are_one_step_up(sticks: Result) -> None:
-    """All by the factor of two that a flight may change, but for rounding."""
+    """All by one factor of two to four, but for rounding down to whole numbers."""
     changes = recommend(sticks, BEARABLE, ["pitch"], apart=False).axes["pitch"].changes
     assert set(changes) == {"p_pitch", "i_pitch", "d_pitch", "d_max_pitch"}
-    assert all(2.0 * one.now - 1.0 <= one.next <= 2.0 * one.now for one in changes.values())
+    lowest = max(one.next / one.now for one in changes.values())
+    highest = min((one.next + 1.0) / one.now for one in changes.values())
+    assert lowest <= highest
+    assert highest >= 2.0
+    assert lowest <= 4.0
     assert all(one.next.is_integer() and one.target.is_integer() for one in changes.values())
 
 

@@ -214,3 +214,28 @@ def test_tune_json_holds_the_ranges_and_the_margins_over_them(fly: Callable[...,
     assert not [one for one in off_nominal if one["condition"] == "lighter"]
     assert sum(one["worst"] for one in off_nominal) == 1
     assert "--mass-range 1 1.5" in Path("quadid-tune/1/tune.html").read_text()
+
+
+def test_the_terminal_and_the_file_name_the_axes_that_an_earlier_flight_narrows(
+    fly: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = flown("ardupilot")
+    rows = tuple(replace(one, torque=one.torque + 1e-6) for one in result.data.segments)
+    before = replace(result, data=replace(result.data, segments=rows))
+    main(["tune", str(fly("now.bin", result)), "--earlier", str(fly("before.bin", before)), "-o", "tune"])
+    assert "before.bin narrows roll, pitch and yaw" in capsys.readouterr().out
+    content = json.loads(Path("tune/now/tune.json").read_text(encoding="ascii"))
+    told = {"log": "before.bin", "axes": ["roll", "pitch", "yaw"], "differ": []}
+    assert content["earlier"] == [told]
+
+
+def test_an_earlier_log_of_another_frame_ends_with_what_to_do(
+    fly: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = flown("ardupilot")
+    other = replace(result, log=replace(result.log, frame="another frame"))
+    code = main(
+        ["tune", str(fly("now.bin", result)), "--earlier", str(fly("other.bin", other)), "-o", "tune"]
+    )
+    assert code == 2
+    assert "other.bin is of another vehicle" in capsys.readouterr().err

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from quadid_logs import analyze
-from quadid_logs.control.flexible_mode import frame_modes
+from quadid_logs.control.flexible_mode import frame_modes, with_earlier
 from quadid_logs.control.loop import close, gyro_filters, rate_loop
 from quadid_logs.data.closed_loop import FrameModes, Modes, Plant
 from quadid_logs.data.flight import FlightData
@@ -233,3 +233,44 @@ def test_modes_of_a_plant_are_cut_with_it() -> None:
     plants = Plant(*(np.repeat(value, 2) for value in PLANT[:4]), 0.0, modes)
     one = plants.at(slice(0, 1)).response(FREQUENCY_HZ[:10], PERIOD_S)
     assert one == pytest.approx(plants.response(FREQUENCY_HZ[:10], PERIOD_S)[:1])
+
+
+def thirds(loop: np.ndarray) -> tuple[FrameModes, list[FrameModes]]:
+    """Return what the last of three flights of 14 s allows, and what those before it allow."""
+    whole = hover(loop, 42.0)
+    (segment,) = whole.segments
+    found = []
+    for rows in np.array_split(np.arange(segment.n_samples), 3):
+        arrays = {
+            name: getattr(segment, name)[rows]
+            for name in ("time_s", "body_rate_rad_s", "torque", "saturated", "reference")
+        }
+        part = replace(segment, **arrays)
+        found.append(allowed(replace(whole, segments=(part,), duration_s=14.0)))
+    return found[2], found[:2]
+
+
+def test_three_short_flights_rule_out_more_than_one() -> None:
+    now, earlier = thirds(loop_of(30.0, 0.05, 0.0))
+    together = with_earlier(now, earlier, VEHICLE.controller, PLANT, 5.0)
+    assert together is not None
+    assert together.absent > now.absent
+    assert lowest_db(together) > lowest_db(now)
+
+
+def test_a_response_that_an_earlier_flight_confirms_leaves_no_mode_below() -> None:
+    now, earlier = thirds(loop_of(30.0, 0.05, 0.0))
+    together = with_earlier(now, earlier, VEHICLE.controller, PLANT, 40.0)
+    assert together is not None
+    assert np.min(together.modes.natural_hz) > 39.0
+    assert with_earlier(now, earlier, VEHICLE.controller, PLANT, 70.0) is None
+
+
+@pytest.mark.parametrize("mode", [mode for mode in MODES if mode[2] > 0.2])
+def test_flights_together_tell_no_more_gain_margin_than_a_frame_that_bends_has(
+    mode: tuple[float, float, float],
+) -> None:
+    loop = loop_of(*mode)
+    together = with_earlier(*thirds(loop), VEHICLE.controller, PLANT, 5.0)
+    assert together is not None
+    assert lowest_db(together) <= gain_margin_db(loop) + 1.0
