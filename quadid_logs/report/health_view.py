@@ -95,8 +95,9 @@ def health_view(result: Result) -> HealthView:
 
 
 def _advice(topic: Topic) -> str:
-    """Say what to do about each finding, after its sentence."""
-    return "".join(f" [{code}] {CATALOGUE[code].advice}" for code in topic.findings)
+    """Name each finding after its sentence; what to do about a fault stands among the next steps."""
+    is_fault = topic.level in ("high", "severe")
+    return "".join(f" [{code}]{'' if is_fault else f' {CATALOGUE[code].advice}'}" for code in topic.findings)
 
 
 def _hint(result: Result, health: Health) -> str:

@@ -22,8 +22,9 @@ _ASK_TUNE: Final = CATALOGUE["QL601"].advice
 def next_steps(result: Result) -> tuple[str, ...]:
     """Return what to do next.
 
-    Where an axis is refused: the advice of the gravest findings, each once, what is to be set first.
-    Where none is: such advice if there is any, then what the model is good for.
+    What is wrong with the vehicle comes first: it is not to fly like that. Then, where an axis is refused,
+    the advice of the gravest findings, each once, what is to be set first. Where none is: such advice if
+    there is any, then what the model is good for.
 
     Parameters
     ----------
@@ -34,7 +35,8 @@ def next_steps(result: Result) -> tuple[str, ...]:
     tuple of str
         At most `_MOST_STEPS`.
     """
-    advice = ordered_steps((result.log, finding) for finding in result.diagnosis.findings)
+    found = ordered_steps((result.log, finding) for finding in result.diagnosis.findings)
+    advice = tuple(dict.fromkeys((*_to_be_mended(result), *found)))
     if not refused_names(result) and _gains_sentence(result):
         # What `tune` says stands below: that it says something is not said beside it.
         advice = tuple(filter(None, (step.replace(_ASK_TUNE, "").strip() for step in advice)))
@@ -43,6 +45,16 @@ def next_steps(result: Result) -> tuple[str, ...]:
         further = list(_with_the_model(result))
         steps = [*steps[: _MOST_STEPS - len(further)], *further]
     return tuple(steps)
+
+
+def _to_be_mended(result: Result) -> Iterator[str]:
+    """Yield what to do about faults of the vehicle, the most urgent first."""
+    topics = () if result.health is None else result.health.topics.values()
+    for topic in topics:
+        if topic.level in ("high", "severe"):
+            yield from (
+                CATALOGUE[code].advice for code in topic.findings if CATALOGUE[code].scope == "vehicle"
+            )
 
 
 def _with_the_model(result: Result) -> Iterator[str]:
