@@ -256,6 +256,25 @@ def quick_multisines() -> Iterator[None]:
     multisine.orthogonal.cache_clear()
 
 
+@pytest.fixture(scope="module")
+def verdicts_only() -> Iterator[None]:
+    """Work out what verdicts rest on and no more, for tests that look at no margins and no published models.
+
+    Not beside `analyzed`, whose results others share.
+    """
+    from quadid_logs import pipeline
+
+    judge = pipeline.judge
+
+    @wraps(judge)
+    def quick(*given: Any, **named: Any) -> Any:
+        return judge(*given, **{**named, "published": False, "loop": "verdict"})
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(pipeline, "judge", quick)
+        yield
+
+
 @pytest.fixture
 def corpus_log(corpus: Path, request: pytest.FixtureRequest) -> Path:
     """Return one log of the corpus, named by indirect parametrisation."""
