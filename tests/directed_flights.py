@@ -158,8 +158,8 @@ def cases_of(autopilot: str, result: Result, tuning: Tuning) -> list[Case]:
 
 
 #: How the gains of a flight stand: far too high, low and too low, on one axis each, the high ones on the axis
-#: that is named; where the first of these flights is sent, all axes or that axis alone; of a contradicted model;
-#: with too much I on roll.
+#: that is named; where the first of these flights is sent, all axes or that one alone; of a contradicted
+#: model; with too much I on roll.
 GAINS = (*AXES, "at target", "one at target", "contradicted", "uneven")
 #: Of these only one axis is known.
 OF_ONE_AXIS = ("one at target", "uneven")
