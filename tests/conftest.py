@@ -165,6 +165,7 @@ KEPT = {
     "analyses": "quadid_logs.pipeline",
     "flights": "quadid_logs.simulate.closed_loop",
     "tuned": "tests.tuned_flights",
+    "vehicles": "tests.identify.vehicles",
     **STAGES,
 }
 
