@@ -6,6 +6,7 @@ are written out from the geometry, and integrated by an adaptive method of order
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,10 +36,11 @@ def swing_rate(
     h, d, m = hung.length, hung.distance, hung.mass
 
     def slope(_t: float, state: np.ndarray) -> list[float]:
-        theta, rate = state
-        sine, root = np.sin(theta), np.sqrt(h**2 - d**2 * np.sin(theta / 2.0) ** 2)
+        # In plain floats: this is asked ten thousand times.
+        theta, rate = state.tolist()
+        sine, root = math.sin(theta), math.sqrt(h**2 - d**2 * math.sin(theta / 2.0) ** 2)
         rise = d**2 * sine / (4.0 * root)
-        rise_slope = d**2 * np.cos(theta) / (4.0 * root) + d**4 * sine**2 / (16.0 * root**3)
+        rise_slope = d**2 * math.cos(theta) / (4.0 * root) + d**4 * sine**2 / (16.0 * root**3)
         drag = hung.linear * rate + hung.quadratic * rate * abs(rate)
         torque = -m * rise * rise_slope * rate**2 - m * GRAVITY * rise - drag
         return [rate, torque / (hung.moment + m * rise**2)]

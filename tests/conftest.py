@@ -42,56 +42,67 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproduci
 
 #: The test files that take longest, most first: what begins last decides when the suite ends.
 LONGEST_FIRST = (
-    "test_tuning.py",
-    "fleet/test_run.py",
-    "test_directions.py",
-    "cli/test_printed_commands.py",
-    "control/test_filter_design.py",
-    "serve/test_browser.py",
     "report/test_browser.py",
-    "identify/test_spectral_effects.py",
-    "control/test_replay.py",
-    "test_live.py",
-    "control/test_outer_loops.py",
-    "structural/test_effects.py",
-    "health/test_rotors.py",
-    "cli/test_tune.py",
-    "test_scenarios.py",
-    "test_tuning_refusals.py",
-    "report/test_result_json.py",
-    "actuation/test_measured_speeds.py",
-    "identify/test_actuator_model.py",
-    "simulate/test_closed_loop.py",
-    "simulate/test_effects.py",
-    "identify/test_identify.py",
-    "actuation/test_reconstruct.py",
     "report/test_accessibility.py",
-    "test_figures.py",
-    "identify/test_spectral.py",
-    "identify/test_thrust_curve.py",
-    "api/test_verbs.py",
+    "test_tuning.py",
+    "test_directions.py",
     "test_corpus.py",
-    "test_swing.py",
-    "serve/test_server.py",
-    "identify/test_horizons.py",
-    "diagnose/test_diagnose.py",
-    "simulate/test_simulate.py",
-    "identify/test_planned.py",
-    "autopilots/test_blackbox_family.py",
-    "link/test_record.py",
-    "structural/test_rotor_dead_zone.py",
-    "cli/test_live.py",
-    "containers/test_dataflash.py",
-    "identify/test_yaw.py",
-    "cli/test_main.py",
-    "control/test_flexible_mode.py",
+    "serve/test_browser.py",
+    "structural/test_effects.py",
+    "control/test_filter_design.py",
     "autopilots/test_betaflight_tuning.py",
+    "cli/test_printed_commands.py",
+    "identify/test_actuator_model.py",
+    "test_live.py",
+    "actuation/test_measured_speeds.py",
+    "control/test_outer_loops.py",
+    "health/test_rotors.py",
+    "test_tuning_refusals.py",
     "test_flown_research.py",
-    "containers/test_tlog.py",
-    "test_corrupted_parameters.py",
-    "test_pool_short.py",
-    "identify/test_response.py",
+    "actuation/test_reconstruct.py",
+    "report/test_result_json.py",
+    "test_scenarios.py",
+    "identify/test_identify.py",
+    "identify/test_spectral_effects.py",
+    "test_figures.py",
+    "fleet/test_run.py",
+    "control/test_replay.py",
+    "identify/test_thrust_curve.py",
+    "cli/test_plan.py",
+    "simulate/test_effects.py",
+    "test_swing.py",
+    "cli/test_live.py",
+    "control/test_flexible_mode.py",
     "test_pool.py",
+    "api/test_verbs.py",
+    "identify/test_spectral.py",
+    "fleet/test_changes.py",
+    "identify/test_yaw.py",
+    "diagnose/test_diagnose.py",
+    "identify/test_response.py",
+    "cli/test_options.py",
+    "simulate/test_closed_loop.py",
+    "containers/test_tlog.py",
+    "link/test_record.py",
+    "autopilots/test_blackbox_family.py",
+    "cli/test_tune.py",
+    "identify/test_horizons.py",
+    "test_corrupted_parameters.py",
+    "structural/test_rotor_dead_zone.py",
+    "structural/test_flown_air.py",
+    "containers/test_dataflash.py",
+    "test_pool_short.py",
+    "simulate/test_simulate.py",
+    "autopilots/test_flight_script.py",
+    "identify/test_velocity_terms.py",
+    "agents/test_mcp.py",
+    "test_doctests.py",
+    "test_methods.py",
+    "serve/test_server.py",
+    "containers/test_legal_extremes.py",
+    "test_lost_thrust.py",
+    "report/test_tune_browser.py",
+    "test_promise.py",
 )
 
 
@@ -154,6 +165,7 @@ KEPT = {
     "analyses": "quadid_logs.pipeline",
     "flights": "quadid_logs.simulate.closed_loop",
     "tuned": "tests.tuned_flights",
+    "vehicles": "tests.identify.vehicles",
     **STAGES,
 }
 
@@ -254,6 +266,25 @@ def quick_multisines() -> Iterator[None]:
         multisine.orthogonal.cache_clear()
         yield
     multisine.orthogonal.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def verdicts_only() -> Iterator[None]:
+    """Work out what verdicts rest on and no more, for tests that look at no margins and no published models.
+
+    Not beside `analyzed`, whose results others share.
+    """
+    from quadid_logs import pipeline
+
+    judge = pipeline.judge
+
+    @wraps(judge)
+    def quick(*given: Any, **named: Any) -> Any:
+        return judge(*given, **{**named, "published": False, "loop": "verdict"})
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(pipeline, "judge", quick)
+        yield
 
 
 @pytest.fixture

@@ -158,11 +158,14 @@ def cases_of(autopilot: str, result: Result, tuning: Tuning) -> list[Case]:
 
 
 #: How the gains of a flight stand: far too high, low and too low, on one axis each, the high ones on the axis
-#: that is named; where the first of these flights is sent; of a contradicted model; with too much I on roll.
-GAINS = (*AXES, "at target", "contradicted", "uneven")
+#: that is named; where the first of these flights is sent, all axes or that one alone; of a contradicted
+#: model; with too much I on roll.
+GAINS = (*AXES, "at target", "one at target", "contradicted", "uneven")
+#: Of these only one axis is known.
+OF_ONE_AXIS = ("one at target", "uneven")
 #: Of these in a quick run: each axis far too high once, and all kinds of one autopilot.
 QUICK = {
-    "ardupilot": ("pitch", "at target", "contradicted", "uneven"),
+    "ardupilot": ("pitch", "one at target", "contradicted", "uneven"),
     "px4": ("yaw",),
     "betaflight": ("roll", "pitch"),
 }
@@ -174,9 +177,13 @@ def walked(autopilot: str, gains: str) -> tuple[Case, ...]:
     if gains == "uneven":
         result = with_gains(autopilot, {"roll": 1.0}, integral=5.0, axes=("roll",))
         return tuple(cases_of(autopilot, result, tuning_of(result))[:1])
-    if gains == "at target":
-        first = walked(autopilot, QUICK[autopilot][0])
+    if gains in ("at target", "one at target"):
+        axis = QUICK[autopilot][0]
+        first = walked(autopilot, axis)
         targets = {name: one.target for each in first for name, one in each.found.gains.items()}
+        if gains == "one at target":
+            result = with_gains(autopilot, {}, values=targets, axes=(axis,))
+            return tuple(one for one in cases_of(autopilot, result, tuning_of(result)) if one.axis == axis)
         result = with_gains(autopilot, {}, values=targets)
     elif gains == "contradicted":
         result = with_gains(autopilot, {}, contradicted=True)

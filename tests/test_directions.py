@@ -25,7 +25,7 @@ from quadid_logs.report.tune_view import headline
 from quadid_logs.report.view import view_of
 from quadid_logs.tuning import recommend, tuning_of
 from quadid_logs.vocabulary import AXES
-from tests.directed_flights import AUTOPILOTS, GAINS, QUICK, Case, cases_of, walked, with_gains
+from tests.directed_flights import AUTOPILOTS, GAINS, OF_ONE_AXIS, QUICK, Case, cases_of, walked, with_gains
 from tests.marks import thorough, thorough_but
 
 #: What good loops keep, and below what they are close to instability: MIL-F-9490D and ADS-33E practice.
@@ -44,7 +44,7 @@ UP, DOWN = (
 def cases() -> list[tuple[str, str, int]]:
     """Every axis of every flight, by its place: what it recommends is known only when it has flown."""
     flights = [(autopilot, gains) for autopilot in AUTOPILOTS for gains in GAINS]
-    return [(*one, place) for one in flights for place in range(1 if one[1] == "uneven" else len(AXES))]
+    return [(*one, place) for one in flights for place in range(1 if one[1] in OF_ONE_AXIS else len(AXES))]
 
 
 QUICK_CASES = [one for one in cases() if one[1] in QUICK[one[0]]]
@@ -88,7 +88,7 @@ def up_db(margins: LoopMargins) -> float:
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_the_walk_meets_every_direction(autopilot: str) -> None:
     """Or the other tests would hold nothing."""
-    assert len(flights(autopilot)) == 16
+    assert len(flights(autopilot)) == 17
     assert {one.view.direction for one in flights(autopilot)} >= {"raise", "lower", "keep", "refuse"}
 
 

@@ -166,7 +166,7 @@ def shaken(signal: Signal, size: float) -> Signal:
 def test_a_clock_that_jumps_back_stops_nothing(folder: Path) -> None:
     """Blocks before and after it count."""
     content, truth = scenario("clock-jump", folder)
-    before, *_, after = (figures for figures in flown(content, 12) if figures.axes[0].half_width < 1.0)
+    before, *_, after = (figures for figures in flown(content, 6) if figures.axes[0].half_width < 1.0)
     assert after.flown_s > before.flown_s + 10.0
     assert after.axes[0].effectiveness == pytest.approx(truth[0], rel=0.1)
 
@@ -236,7 +236,7 @@ def test_a_long_flight_keeps_the_blocks_in_which_most_was_commanded(
 
 
 @SAMPLE_LOGS
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(data=st.data())
 def test_a_damaged_log_shows_figures_or_says_why_not(name: str, data: st.DataObject) -> None:
     """Any bytes overwritten, cut out, or put in: no exception, no hang."""

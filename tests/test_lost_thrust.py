@@ -14,6 +14,8 @@ from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
+pytestmark = pytest.mark.usefixtures("verdicts_only")
+
 
 def flown(**effects: object) -> tuple[Result, np.ndarray]:
     """Analyze a flight of multisines in nearly calm air; its control effectiveness before any fault."""

@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,7 @@ from tests.analyses import Analyzed
 from tests.control.loop_flights import Vehicle
 from tests.marks import thorough, thorough_but
 from tests.synthetic_tuning import synthetic_tune_page
-from tests.tuned_flights import flown
+from tests.tuned_flights import flown, of_axes
 
 ROLL = ("ATC_RAT_RLL_P", "ATC_RAT_RLL_I", "ATC_RAT_RLL_D")
 #: A tenth of the command's range on every axis, far above any crossover.
@@ -437,10 +438,16 @@ def test_a_kept_vehicle_gets_no_file(kept: Tuning) -> None:
     assert gain_files(detuned(1.0), kept) == {}
 
 
+@cache
+def before() -> Result:
+    """The flight of which gains of roll are recommended."""
+    return of_axes(flown("ardupilot"), "roll")
+
+
 @pytest.fixture(scope="module")
 def advised() -> Tuning:
     """What is recommended for gains that are low for the vehicle."""
-    return tuning_of(flown("ardupilot"))
+    return tuning_of(before())
 
 
 def followed(tuning: Tuning, factor: float = 1.0) -> Result:
@@ -453,42 +460,42 @@ def followed(tuning: Tuning, factor: float = 1.0) -> Result:
 
 def test_a_comparison_tells_that_the_promise_was_kept(advised: Tuning) -> None:
     """The flight after has the margins that the flight before said it would have."""
-    (one,) = checked(flown("ardupilot"), followed(advised)).items()
+    (one,) = checked(before(), followed(advised)).items()
     assert one[0] == "roll"
     assert one[1].held is Held.INSIDE
 
 
 def test_a_comparison_tells_that_the_promise_was_not_kept(advised: Tuning) -> None:
     """The payload was left at home: the vehicle is five times as effective, and near to oscillating."""
-    one = checked(flown("ardupilot"), followed(advised, 5.0))["roll"]
+    one = checked(before(), followed(advised, 5.0))["roll"]
     assert one.held is Held.WORSE
     assert one.decision is Decision.BACK
 
 
 def test_a_broken_promise_sends_back_from_no_gains_that_keep_the_limits(advised: Tuning) -> None:
     """More effective by 40 %: less margin than promised, and still enough of it."""
-    one = checked(flown("ardupilot"), followed(advised, 1.4))["roll"]
+    one = checked(before(), followed(advised, 1.4))["roll"]
     assert one.held is Held.WORSE
     assert one.decision is Decision.KEEP
 
 
 def test_a_promise_of_lowered_gains_that_was_not_kept_does_not_send_back() -> None:
     """More effective than it was, and still further from oscillating than before."""
-    before = detuned(5.0)
-    lowered = tuning_of(before)
+    high = detuned(5.0)
+    lowered = tuning_of(high)
     following = {name: one.next for name, one in lowered.axes["roll"].changes.items()}
-    assert following[ROLL[0]] < before.log.parameters[ROLL[0]]
+    assert following[ROLL[0]] < high.log.parameters[ROLL[0]]
     after = detuned(1.6, **following)
     parameters = {**after.log.parameters, **{name: one.next for name, one in lowered.changes.items()}}
-    one = checked(before, replace(after, log=replace(after.log, parameters=parameters)))["roll"]
+    one = checked(high, replace(after, log=replace(after.log, parameters=parameters)))["roll"]
     assert one.held is Held.WORSE
     assert one.decision is not Decision.BACK
 
 
 def test_nothing_is_promised_of_gains_that_nobody_recommended() -> None:
     """The pilot chose others."""
-    assert checked(flown("ardupilot"), detuned(0.77)) == {}
-    assert checked(flown("ardupilot"), flown("ardupilot")) == {}
+    assert checked(before(), detuned(0.77)) == {}
+    assert checked(before(), before()) == {}
 
 
 def test_the_page_escapes_what_a_log_says(raised: Tuning) -> None:

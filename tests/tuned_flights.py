@@ -48,6 +48,13 @@ def _analyzed(autopilot: str) -> Result:
     )
 
 
+def of_axes(result: Result, *axes: str) -> Result:
+    """Return the result as if the loops of these axes alone were known: others take no search for gains."""
+    loop = result.closed_loop
+    assert loop is not None
+    return replace(result, closed_loop=replace(loop, axes={axis: loop.axes[axis] for axis in axes}))
+
+
 def with_log(result: Result, log: FlightLog) -> Result:
     """Return the result as if that log had been read: its loop is closed anew, its model is kept."""
     loop = _closed_loop(log, result.data, result.identification, result.diagnosis, result.settings)

@@ -16,7 +16,7 @@ from quadid_logs.report.promise_file import PROMISE_FILE, promise_text
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.tuning import tuning_of
 from tests.conftest import REPOSITORY
-from tests.tuned_flights import as_flown, flown
+from tests.tuned_flights import as_flown, flown, of_axes
 
 SAMPLE = REPOSITORY / "sample_logs" / "sysid-quad-x.bin"
 
@@ -30,7 +30,7 @@ def analysis() -> quadid_logs.Analysis:
 @pytest.fixture(scope="module")
 def tuned() -> Result:
     """A flight that the gains of the next one follow from."""
-    return flown("ardupilot")
+    return of_axes(flown("ardupilot"), "roll")
 
 
 @pytest.fixture(scope="module")

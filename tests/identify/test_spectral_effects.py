@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -121,18 +122,30 @@ def _fly(
     )
 
 
+@cache
+def _flown(seed: int, loss: Loss = _as_commanded, gusts: float = 0.6) -> FlightData:
+    """Return a flight that several tests look at, flown once."""
+    return _fly(seed, loss, gusts=gusts)
+
+
+@cache
+def _fits(seed: int, loss: Loss = _as_commanded) -> tuple[SpectralFit, ...]:
+    """Return what is found in one of them, worked out once."""
+    return fit_by_spectra(_flown(seed, loss))
+
+
 def _holds(fit: SpectralFit, axis: int) -> bool:
     return abs(fit.gain - GAIN[axis]) <= fit.half_width
 
 
-@pytest.fixture(scope="module")
-def without() -> list[tuple[SpectralFit, ...]]:
-    """Six flights without any effect."""
-    return [fit_by_spectra(_fly(seed)) for seed in range(6)]
+@pytest.fixture(scope="module", params=[(0, 1, 2), thorough((3, 4, 5))], ids=str)
+def without(request: pytest.FixtureRequest) -> list[tuple[SpectralFit, ...]]:
+    """Flights without any effect."""
+    return [_fits(seed) for seed in request.param]
 
 
 def test_a_flight_without_effects_shows_none(without: list[tuple[SpectralFit, ...]]) -> None:
-    """On any axis of six flights: at 95 % one in twenty was allowed before it was seen."""
+    """On any axis of any flight: at 95 % one in twenty was allowed before it was seen."""
     assert not any(fit.effects for fits in without for fit in fits)
 
 
@@ -162,11 +175,10 @@ def test_what_a_flight_leaves_open_widens_the_interval() -> None:
 @pytest.mark.parametrize("seed", [0, thorough(1)])
 def test_torque_that_is_lost_is_taken_out(seed: int, loss: Loss, names: set[str]) -> None:
     """Without the effect the effectiveness is low, by 3 % at least; with it the truth is inside."""
-    data = _fly(seed, loss)
-    solution = solve_flight(data)
+    solution = solve_flight(_flown(seed, loss))
     assert solution is not None
     assert all(solution.fits[axis].gain < 0.97 * GAIN[axis] for axis in (0, 1))
-    fits = fit_by_spectra(data)
+    fits = _fits(seed, loss)
     assert names & set(fits[0].effects + fits[1].effects)
     assert all(_holds(fits[axis], axis) for axis in (0, 1))
 
@@ -174,8 +186,7 @@ def test_torque_that_is_lost_is_taken_out(seed: int, loss: Loss, names: set[str]
 @pytest.mark.parametrize("loss", [_dead, _limited], ids=["dead zone", "limit"])
 def test_the_form_of_an_effect_is_part_of_the_interval(loss: Loss) -> None:
     """Known to half of what the effect takes, in 95 of 100 flights."""
-    data = _fly(0, loss)
-    solution, fits = solve_flight(data), fit_by_spectra(data)
+    solution, fits = solve_flight(_flown(0, loss)), _fits(0, loss)
     assert solution is not None
     shown = [axis for axis in (0, 1) if fits[axis].effects]
     assert shown
@@ -183,7 +194,7 @@ def test_the_form_of_an_effect_is_part_of_the_interval(loss: Loss) -> None:
         assert fits[axis].half_width >= 0.5 * abs(fits[axis].gain - solution.fits[axis].gain)
 
 
-@pytest.mark.parametrize("tilt_1_s2", [-9.0, 6.0])
+@pytest.mark.parametrize("tilt_1_s2", [-9.0, thorough(6.0)])
 def test_a_moment_of_the_tilt_is_taken_out(tilt_1_s2: float) -> None:
     """A pendulum, and a vehicle that tips over."""
     fits = fit_by_spectra(_fly(1, gusts=0.2, tilt_1_s2=tilt_1_s2))
@@ -224,7 +235,9 @@ def test_what_late_rotors_take_is_what_they_lack_behind_one_lag() -> None:
 TIME_S = PERIOD_S * np.arange(12000)
 
 
-@pytest.mark.parametrize("period_s", [2.3, 6.0, 80.0], ids=["fast", "slow", "a battery that is emptied"])
+@pytest.mark.parametrize(
+    "period_s", [thorough(2.3), 6.0, thorough(80.0)], ids=["fast", "slow", "a battery that is emptied"]
+)
 def test_an_effectiveness_that_comes_and_goes_is_taken_out(period_s: float) -> None:
     """By a fifth about its mean, on all axes alike."""
     worth = 1.0 + 0.2 * np.cos(2.0 * np.pi * TIME_S / period_s)
@@ -250,7 +263,7 @@ def test_a_limit_of_one_axis_is_none_of_all() -> None:
 
 def test_what_effects_move_is_told_beside_the_estimate() -> None:
     """An estimate that knows of none is off by at least the shift."""
-    with_none, limited = fit_by_spectra(_fly(0)), fit_by_spectra(_fly(0, _limited))
+    with_none, limited = _fits(0), _fits(0, _limited)
     assert limited[0].by_effects >= abs(limited[0].shift) > 0.03
     assert with_none[0].by_effects < 0.5 * with_none[0].half_width / with_none[0].gain
 
@@ -264,7 +277,7 @@ def test_a_torque_from_another_time_has_a_negative_delay() -> None:
 
 def test_without_rotors_their_dead_zone_is_not_asked() -> None:
     """A table holds torques only."""
-    data = replace(_fly(0, _dead_rotors), input=None)
+    data = replace(_flown(0, _dead_rotors), input=None)
     assert not any("rotor threshold" in fit.effects for fit in fit_by_spectra(data))
 
 
@@ -276,7 +289,7 @@ def test_a_dead_zone_of_all_commands_is_told_by_all_axes_together() -> None:
 
 def test_steps_that_were_cut_toward_zero_are_put_back() -> None:
     """What was logged lacks half a step, as seen in the effectiveness of the commands that were cut."""
-    data, step = _fly(0, gusts=0.2), 0.012
+    data, step = _flown(0, gusts=0.2), 0.012
     segment = data.segments[0]
     cut = replace(segment, torque=np.trunc(segment.torque / step) * step)
     described = replace(data.input, grid=(step, step, step))
@@ -290,7 +303,7 @@ def test_steps_that_were_cut_toward_zero_are_put_back() -> None:
 
 def test_steps_that_were_rounded_are_left_as_they_are() -> None:
     """They lack nothing on the mean."""
-    data, step = _fly(0, gusts=0.2), 0.008
+    data, step = _flown(0, gusts=0.2), 0.008
     segment = data.segments[0]
     rounded = replace(segment, torque=np.rint(segment.torque / step) * step)
     described = replace(data.input, grid=(step, step, step))

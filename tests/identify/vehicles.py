@@ -10,6 +10,8 @@ import numpy as np
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.maths.band import angular_frequency, butterworth_response
+from tests.kept import SHELVES
+from tests.kept_stages import content_key
 
 Triple = tuple[float, float, float]
 PERIOD_S = 0.0025
@@ -50,11 +52,20 @@ def multisine(duration_s: float, axes: tuple[int, ...] = (0, 1, 2), size: float 
 
 
 def fly(truth: Truth, excitation: np.ndarray, *, seed: int = 0, feedback: float = 0.0) -> FlightData:
-    """Integrate J w_dot = u - w x J w - J D w and log it at 400 Hz with noise.
+    """Integrate J w_dot = u - w x J w - J D w and log it at 400 Hz with noise, once for all test processes.
 
     ``feedback`` [1/s] adds a rate controller, -feedback * J * measured rate,
     so that the noise of the gyro reaches the torque as in real flight.
     """
+    shelf = SHELVES.get("vehicles")
+    # Where a module is only imported, nothing is kept yet.
+    if shelf is None:
+        return _flown(truth, excitation, seed, feedback)
+    key = content_key(truth, excitation, seed, feedback)
+    return shelf.get(key, lambda: _flown(truth, excitation, seed, feedback))
+
+
+def _flown(truth: Truth, excitation: np.ndarray, seed: int, feedback: float) -> FlightData:
     rng = np.random.default_rng(seed)
     n, step = len(excitation), PERIOD_S / _SUBSTEPS
     noise = truth.noise_rad_s * rng.standard_normal((n, 3))
@@ -120,19 +131,33 @@ def fly_in_gusts(
         for frequency in frequencies_hz * (1.0 + 0.05 * axis):
             wanted[:, axis] += np.sin(2.0 * np.pi * frequency * t + rng.uniform(0.0, 2.0 * np.pi))
     wanted *= 0.3 / np.sqrt(frequencies_hz.size / 2.0)
-    fade, decay = np.exp(-PERIOD_S / memory_s), np.exp(-PERIOD_S / QUAD.lag_s)
+    fade, decay = math.exp(-PERIOD_S / memory_s), math.exp(-PERIOD_S / QUAD.lag_s)
     gusts = gust_rad_s2 * np.sqrt(1.0 - fade**2) * rng.standard_normal((n, 3))
     noise = 0.003 * rng.standard_normal((n, 3))
-    rate, command = np.zeros((n, 3)), np.zeros((n, 3))
-    w, actual, gust, total = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    for k in range(n):
-        rate[k] = w + noise[k]
-        error = wanted[k] - rate[k]
-        total = total + 20.0 * PERIOD_S * error
-        command[k] = J * (15.0 * error + total)
-        actual = command[k] + (actual - command[k]) * decay
-        gust = fade * gust + gusts[k]
-        w = w + PERIOD_S * ((actual - np.cross(w, J * w)) / J - D * w + gust)
+    rates, commands = [], []
+    w, actual, gust, total = ([0.0] * 3 for _ in range(4))
+    jx, jy, jz = J.tolist()
+    each = tuple(zip(J.tolist(), D.tolist(), strict=True))
+    # In plain floats, as above.
+    for now in zip(wanted.tolist(), noise.tolist(), gusts.tolist(), strict=True):
+        seen, sent = [], []
+        p, q, r = w
+        turned = (q * jz * r - r * jy * q, r * jx * p - p * jz * r, p * jy * q - q * jx * p)
+        for axis, inertia in enumerate(J.tolist()):
+            target, heard, blown = now[0][axis], now[1][axis], now[2][axis]
+            seen.append(w[axis] + heard)
+            error = target - seen[axis]
+            total[axis] += 20.0 * PERIOD_S * error
+            sent.append(inertia * (15.0 * error + total[axis]))
+            actual[axis] = sent[axis] + (actual[axis] - sent[axis]) * decay
+            gust[axis] = fade * gust[axis] + blown
+        w = [
+            rate + PERIOD_S * ((made - cross) / inertia - damping * rate + push)
+            for rate, made, cross, (inertia, damping), push in zip(w, actual, turned, each, gust, strict=True)
+        ]
+        rates.append(seen)
+        commands.append(sent)
+    rate, command = np.array(rates), np.array(commands)
     return flight_data(rate, command)
 
 

@@ -17,6 +17,7 @@ from quadid_logs.report.html import render_html
 from quadid_logs.report.provenance import provenance_of
 from quadid_logs.report.view import view_of
 from tests import chromium
+from tests.marks import thorough
 from tests.synthetic_results import hostile_result, usable_result
 
 pytestmark = [
@@ -139,7 +140,7 @@ def write_page(result: Result, folder: Path) -> Path:
     return folder / "report.html"
 
 
-@pytest.mark.parametrize(("width", "dark"), [(400, True), (1280, False)])
+@pytest.mark.parametrize(("width", "dark"), [thorough(400, True), (1280, False)])
 def test_every_chart_is_drawn_and_nothing_scrolls_sideways(
     browser: chromium.Browser, page: Path, width: int, dark: bool
 ) -> None:
@@ -199,6 +200,7 @@ def test_turning_the_phone_lays_the_charts_out_anew(browser: chromium.Browser, d
     browser.show(400)
     becomes(browser, domain, 1)
     becomes(browser, "document.documentElement.scrollWidth <= 400", True)
+    becomes(browser, f"{NAMES}.slice(1)", [[], []])
 
 
 def test_charts_wait_until_they_are_scrolled_into_view(browser: chromium.Browser, page: Path) -> None:

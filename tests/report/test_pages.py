@@ -8,6 +8,8 @@ import pytest
 
 from quadid_logs.comparison import Comparison, Quantity
 from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.health import Health, Standstill
+from quadid_logs.data.health import Quantity as HealthQuantity
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, Tuning
 from quadid_logs.diagnose.findings import finding
@@ -112,6 +114,21 @@ def test_a_usable_flight_says_what_it_is_good_for(usable: Result) -> None:
     steps = next_steps(usable)
     assert any("quadid-log export flight.bin --model" in step for step in steps)
     assert "quadid-log compare flight.bin" in steps[-1]
+
+
+def test_a_motor_that_stands_still_is_looked_at_before_anything_is_flown() -> None:
+    """It is no finding about the model, and the first thing to do all the same."""
+    refused = refused_result()
+    standstill = Standstill(
+        sentence="",
+        level="severe",
+        findings=("QL436",),
+        rotor=1,
+        time_s=3.0,
+        length=HealthQuantity(2.0, "s"),
+    )
+    health = replace(refused.health or Health(), standstill=standstill)
+    assert next_steps(replace(refused, health=health))[0].startswith("Take the propellers off")
 
 
 def test_the_step_about_gains_is_what_tune_recommends(

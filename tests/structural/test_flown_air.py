@@ -17,6 +17,8 @@ from quadid_logs.simulate.scenarios import SCENARIOS
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
+pytestmark = pytest.mark.usefixtures("verdicts_only")
+
 #: What a flown indoor quadrotor leaves unexplained from 0.3 to 5 Hz [rad/s^2].
 FLOWN_AIR = np.array([1.3, 1.3, 0.43])
 RATE_HZ = 500.0

@@ -85,13 +85,19 @@
     place.textContent = every < 2 ? "" : `1 of ${every} samples shown, peaks kept` + (finer ? "; zoom in to see more." : ".");
   };
 
-  const refine = (chart) => {
+  const seriesOf = (chart) => {
     const figure = drawn.get(chart);
+    return figure.data.map((trace, place) => (isSeries(figure, trace) ? place : -1)).filter((place) => place >= 0);
+  };
+
+  // Show a range of time, null for all of it, as finely as it can be seen: one drawing of the chart, not two.
+  const zoom = (chart, range) => {
+    const figure = drawn.get(chart), places = seriesOf(chart);
     sayDetail(chart, figure);
-    const places = figure.data.map((trace, place) => (isSeries(figure, trace) ? place : -1)).filter((place) => place >= 0);
-    if (!places.length) return Promise.resolve();
+    const axis = range ? { "xaxis.range": [...range] } : { "xaxis.autorange": true };
+    if (!places.length) return Plotly.relayout(chart, axis);
     const views = places.map((place) => inView(figure.data[place]));
-    return Plotly.restyle(chart, { x: views.map((view) => view[0]), y: views.map((view) => view[1]) }, places);
+    return Plotly.update(chart, { x: views.map((view) => view[0]), y: views.map((view) => view[1]) }, axis, places);
   };
 
   // A PDF keeps each see-through point as a picture of its own: the same page takes six times the bytes.
@@ -165,7 +171,7 @@
     const first = !drawn.has(chart);
     const done = Plotly.react(chart, ...plan(chart)).then(() => nameEnds(chart));
     if (!first) return done;
-    chart.on("plotly_relayout", (change) => { if (!("annotations" in change)) nameEnds(chart); });
+    chart.on("plotly_relayout", (change) => { if (!spreading && !("annotations" in change)) nameEnds(chart); });
     chart.on("plotly_restyle", () => nameEnds(chart));
     if (drawn.get(chart).over_time) chart.on("plotly_relayout", (change) => followTime(chart, change));
     chart.addEventListener("keydown", (event) => onKey(chart, event));
@@ -175,10 +181,12 @@
   const showTime = (range, except) => {
     shared = range;
     spreading = true;
-    const zoomed = [...drawn].filter(([chart, figure]) => figure.over_time && chart !== except).map(([chart]) =>
-      Plotly.relayout(chart, range ? { "xaxis.range": [...range] } : { "xaxis.autorange": true }));
-    Promise.all(zoomed)
-      .then(() => Promise.all([...drawn].filter(([, figure]) => figure.over_time).map(([chart]) => refine(chart))))
+    const overTime = [...drawn].filter(([, figure]) => figure.over_time).map(([chart]) => chart);
+    // The one in which somebody zoomed shows the range already, but may have more to show of it.
+    const zoomed = overTime.filter((chart) => chart !== except || seriesOf(chart).length);
+    if (except) sayDetail(except, drawn.get(except));
+    Promise.all(zoomed.map((chart) => zoom(chart, range)))
+      .then(() => Promise.all(overTime.map(nameEnds)))
       .finally(() => { spreading = false; });
   };
 
