@@ -116,6 +116,13 @@ def test_a_usable_flight_says_what_it_is_good_for(usable: Result) -> None:
     assert "quadid-log compare flight.bin" in steps[-1]
 
 
+def test_a_refused_model_is_not_offered_for_use(usable: Result) -> None:
+    """It was fitted, and stands on the page; nobody is told to fly by it."""
+    axes = {axis: replace(one, verdict="refused") for axis, one in usable.diagnosis.axes.items()}
+    refused = replace(usable, diagnosis=replace(usable.diagnosis, axes=axes))
+    assert not any("export" in step for step in next_steps(refused))
+
+
 def test_a_motor_that_stands_still_is_looked_at_before_anything_is_flown() -> None:
     """It is no finding about the model, and the first thing to do all the same."""
     refused = refused_result()
