@@ -1074,8 +1074,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL643",
                 "An angle loop that is not modelled flew around the rate loop",
-                "In a self-levelling mode the angle loop takes phase from the rate loop. How this autopilot "
-                "makes rates from angles is not modelled: no gains are recommended from such a flight.",
+                "In a self-levelling mode the angle loop takes phase from the rate loop. This log does not "
+                "tell how rates are made from angles: no gains are recommended from such a flight.",
                 "Fly the whole flight in a mode in which the sticks command rates, and tune from that.",
                 scope="gains",
             ),

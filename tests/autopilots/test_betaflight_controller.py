@@ -15,7 +15,13 @@ from scipy import signal
 from quadid_logs.autopilots import named
 from quadid_logs.autopilots.betaflight.controller import controllers
 from quadid_logs.autopilots.betaflight.filters import GYRO_LOW_PASSES, cutoff_hz, loop_filters
-from quadid_logs.autopilots.betaflight.law import attenuation, d_filter, p_filter, rate_gains
+from quadid_logs.autopilots.betaflight.law import (
+    angle_gain_per_s,
+    attenuation,
+    d_filter,
+    p_filter,
+    rate_gains,
+)
 from quadid_logs.autopilots.betaflight.log import read
 from quadid_logs.autopilots.betaflight.replay import d_parts, replay_inputs
 from quadid_logs.autopilots.betaflight.terms import WholeTerms
@@ -24,7 +30,7 @@ from quadid_logs.control.margins import grid_hz, margins_of
 from quadid_logs.control.replay import replay
 from quadid_logs.data.closed_loop import Margins, Plant
 from quadid_logs.data.controller import RemarkKind, Replay, ReplayReason
-from quadid_logs.data.log import FlightLog
+from quadid_logs.data.log import FlightLog, ModeChange
 from quadid_logs.report.loop_json import closed_loop_dict
 from quadid_logs.report.loop_view import loop_view
 from quadid_logs.vocabulary import AXES
@@ -226,6 +232,64 @@ def test_a_gain_below_zero_is_none(corpus: Path) -> None:
     """Of a damaged header; the other axes are not concerned."""
     log = logged(corpus / "firmware" / STICKS)
     assert set(controllers(log, {**log.parameters, "d_pitch": -1e9}).axes) == {"roll", "yaw"}
+
+
+@pytest.mark.parametrize(
+    ("modes", "version", "per_s"),
+    [
+        (("Angle",), (3, 1), 5.0),
+        (("Angle",), (2025, 12), 5.0),
+        (("Horizon",), (4, 4), 7.5),
+        (("Horizon",), (4, 5), 3.75),
+        (("Angle", "Horizon"), (4, 3), 7.5),
+        (("Angle", "Horizon"), (4, 5), 5.0),
+    ],
+)
+def test_levelling_is_tenths_of_a_rate_per_angle(
+    modes: tuple[str, ...], version: tuple[int, int], per_s: float
+) -> None:
+    """Before 4.5 horizon mode has a gain of its own, since then hundredths of that of angle mode."""
+    header = {"levelPID[0]": 50.0, "levelPID[1]": 75.0}
+    assert angle_gain_per_s(header, modes, version) == pytest.approx(per_s)
+
+
+def test_horizon_mode_never_levels_by_more_than_angle_mode() -> None:
+    """Since 4.5: ``MIN(I / 100, 1)``."""
+    header = {"levelPID[0]": 50.0, "levelPID[1]": 180.0}
+    assert angle_gain_per_s(header, ("Horizon",), (2025, 12)) == pytest.approx(5.0)
+
+
+def in_mode(log: FlightLog, name: str) -> FlightLog:
+    """Return a log that says that it flew in a mode."""
+    return replace(log, modes=(ModeChange(time_s=0.0, position=0, name=name),))
+
+
+def test_an_angle_loop_flies_around_roll_and_pitch_alone(corpus: Path) -> None:
+    """Yaw stays a rate in every mode, and acro mode has none."""
+    log = logged(corpus / "firmware" / STICKS)
+    flown_in = {name: controllers(in_mode(log, name), log.parameters).axes for name in ("Acro", "Angle")}
+    assert {axis: one.angle_gain_per_s for axis, one in flown_in["Angle"].items()} == {
+        "roll": 5.0,
+        "pitch": 5.0,
+        "yaw": None,
+    }
+    assert all(one.angle_gain_per_s is None for one in flown_in["Acro"].values())
+
+
+def test_the_angle_loop_adds_its_gain_over_s_to_what_the_rate_error_makes(corpus: Path) -> None:
+    """P and I act on the set-point that it makes, D does not; what it adds is as late as the attitude."""
+    log = in_mode(logged(corpus / "firmware" / STICKS), "Angle")
+    roll = controllers(log, log.parameters).axes["roll"]
+    frequency_hz = np.array([1.0, 3.0])
+    plant = true_plant(corpus, STICKS, "roll")
+    found = close(roll, plant, frequency_hz)
+    assert found.full is not None
+    s = 2j * np.pi * frequency_hz
+    body = plant.response(frequency_hz, roll.period_s)[0]
+    by_angle = (found.full - found.rate)[0] / (body * roll.error.response(frequency_hz))
+    np.testing.assert_allclose(np.abs(by_angle), np.abs(5.0 / s), rtol=1e-3)
+    late_s = -(np.angle(by_angle * s / 5.0)) / (2.0 * np.pi * frequency_hz)
+    np.testing.assert_allclose(late_s, 0.005 + 3.0 * 0.5098 / (2.0 * np.pi * 50.0), atol=3e-4)
 
 
 def test_the_autopilot_hands_on_controller_and_rows(corpus: Path) -> None:

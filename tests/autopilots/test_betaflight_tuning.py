@@ -159,11 +159,25 @@ def test_the_card_says_how_to_log_and_what_to_fly(sticks: Result, tuned: Tuning)
     assert "blackbox_sample_rate" in card["plan.md"]
 
 
-def test_a_flight_in_angle_mode_is_refused(sticks: Result) -> None:
-    """Its angle loop is not modelled."""
+def in_angle_mode(sticks: Result, **changes: object) -> Result:
+    """Return the flight as if angle mode had been on."""
     modes = (ModeChange(time_s=sticks.data.segments[0].start_s, position=0, name="Angle"),)
-    found = recommend(with_log(sticks, replace(sticks.log, modes=modes)), GOOD, ["roll"]).axes["roll"]
+    return with_log(sticks, replace(sticks.log, modes=modes, **changes))
+
+
+def test_an_angle_loop_whose_gain_no_header_tells_gives_no_gains(sticks: Result) -> None:
+    """It takes phase from the rate loop, nobody knows how much."""
+    kept = {name: one for name, one in sticks.log.parameters.items() if not name.startswith("levelPID")}
+    found = recommend(in_angle_mode(sticks, parameters=kept), GOOD, ["roll"]).axes["roll"]
     assert (found.verdict, [one.code for one in found.reasons]) == ("refused", ["QL643"])
+
+
+def test_in_angle_mode_margins_are_also_those_of_the_loop_with_the_angle_loop(sticks: Result) -> None:
+    """The whole loop has less phase."""
+    found = recommend(in_angle_mode(sticks), GOOD, ["roll"]).axes["roll"]
+    assert found.now is not None
+    assert found.now.full is not None
+    assert found.now.full.phase_margin_deg.value < found.now.rate.phase_margin_deg.value
 
 
 def test_a_hover_is_refused(corpus: Path, analyzed: Analyzed) -> None:

@@ -27,6 +27,8 @@ from quadid_logs.autopilots.betaflight.filters import (
 from quadid_logs.autopilots.betaflight.flown import Flown, flown
 from quadid_logs.autopilots.betaflight.law import (
     OLDEST_LAW,
+    angle_delay_s,
+    angle_gain_per_s,
     attenuates_p,
     attenuation,
     d_filter,
@@ -65,6 +67,8 @@ _SLOW_HZ: Final = np.array([5.0])
 #: Settings of notches that follow what a log need not hold.
 _DYNAMIC_NOTCH: Final = ("dyn_notch_count", "dyn_notch_q")
 _RPM_NOTCH: Final = ("rpm_filter_harmonics", "gyro_rpm_notch_harmonics")
+#: Self-levelling modes hold these angles; yaw stays a rate.
+_LEVELLED: Final = ("roll", "pitch")
 #: Of a factor by the throttle: less is no matter for a margin.
 _FELT: Final = 0.02
 
@@ -147,6 +151,7 @@ def _axis(log: FlightLog, parameters: Mapping[str, float], axis: str) -> AxisCon
     of_p = gains.proportional * (factor if attenuates_p(parameters) else 1.0)
     of_d = gains.between(d_parts(log)[axis]) * factor
     error = p_filter(parameters, axis, period_s).scaled(of_p) + integrator(period_s).scaled(gains.integral)
+    angle = _angle(log, parameters) if axis in _LEVELLED else None
     return AxisController(
         period_s=period_s,
         error=error,
@@ -155,8 +160,16 @@ def _axis(log: FlightLog, parameters: Mapping[str, float], axis: str) -> AxisCon
         gyro=_gyro(log, parameters, mean, period_s),
         filters=tuple(_named_filters(log, parameters, axis, mean)),
         predictable=False,
+        angle_gain_per_s=angle,
+        angle_delay_steps=1 if angle is None else max(1, round(angle_delay_s(log.version) / period_s)),
         gains=_named(parameters, axis),
     )
+
+
+def _angle(log: FlightLog, parameters: Mapping[str, float]) -> float | None:
+    """Return the gain of the angle loop that flew around roll and pitch; None where none did."""
+    modes = flown(log).levelling
+    return angle_gain_per_s(parameters, modes, log.version) if modes else None
 
 
 def _named_filters(
@@ -209,8 +222,6 @@ def _named(parameters: Mapping[str, float], axis: str) -> dict[str, float]:
 
 def _common_remarks(parameters: Mapping[str, float], mean: Flown) -> Iterator[ControllerRemark]:
     """Yield what concerns all axes."""
-    if mean.self_levels:
-        yield ControllerRemark(kind=RemarkKind.ANGLE_LOOP_UNKNOWN)
     unseen = (*_DYNAMIC_NOTCH,) if has_dynamic_notches(parameters) else ()
     if has_rpm_notches(parameters) and not mean.rotors_hz:
         unseen = (*unseen, *_RPM_NOTCH)
@@ -231,7 +242,9 @@ def _common_remarks(parameters: Mapping[str, float], mean: Flown) -> Iterator[Co
 
 
 def _axis_remarks(log: FlightLog, parameters: Mapping[str, float], axis: str) -> Iterator[ControllerRemark]:
-    """Yield what makes the axis' gains other than those of the settings at times."""
+    """Yield what makes the axis' gains other than those of the settings at times, or hides a loop."""
+    if axis in _LEVELLED and flown(log).levelling and _angle(log, parameters) is None:
+        yield ControllerRemark(kind=RemarkKind.ANGLE_LOOP_UNKNOWN, axis=axis)
     gains = rate_gains(parameters, axis)
     if gains.most_derivative > gains.derivative > 0.0:
         names = (f"{short}_{axis}" for short in ("d", "d_min", "d_max"))

@@ -32,15 +32,15 @@ class Flown(NamedTuple):
         Speed of each rotor; empty where it is not logged.
     gyro_delay_s : float
         Between the gyro before its filters and behind them [s]; NaN where one of them is not logged.
-    self_levels : bool
-        Angle or horizon mode was on at some time.
+    levelling : tuple of str
+        Which of angle and horizon mode were on at some time.
     """
 
     throttle: float
     highest_throttle: float
     rotors_hz: tuple[float, ...]
     gyro_delay_s: float
-    self_levels: bool
+    levelling: tuple[str, ...]
 
 
 @once
@@ -57,12 +57,12 @@ def flown(log: FlightLog) -> Flown:
     """
     throttle = next(iter(log.candidates("throttle")), None)
     if throttle is None:
-        return Flown(0.0, 0.0, (), _gyro_delay_s(log), _self_levels(log))
+        return Flown(0.0, 0.0, (), _gyro_delay_s(log), _levelling(log))
     given = np.clip(np.nan_to_num(throttle.values[:, 0]), 0.0, 1.0)
     rows = np.flatnonzero(given > LEAST_THROTTLE)
     rows = rows[:: max(1, rows.size // _MOST_ROWS)]
     if not rows.size:
-        return Flown(0.0, 0.0, (), _gyro_delay_s(log), _self_levels(log))
+        return Flown(0.0, 0.0, (), _gyro_delay_s(log), _levelling(log))
     speed = in_step(log, "rotor_speed", throttle)
     rotors_hz = np.zeros(0) if speed is None else speed.values[rows].mean(axis=0) / (2.0 * math.pi)
     return Flown(
@@ -70,12 +70,13 @@ def flown(log: FlightLog) -> Flown:
         float(np.quantile(given[rows], 0.99)),
         tuple(rotors_hz.tolist()),
         _gyro_delay_s(log),
-        _self_levels(log),
+        _levelling(log),
     )
 
 
-def _self_levels(log: FlightLog) -> bool:
-    return any(one.name in SELF_LEVELLING for one in log.modes)
+def _levelling(log: FlightLog) -> tuple[str, ...]:
+    flown_modes = {one.name for one in log.modes}
+    return tuple(name for name in SELF_LEVELLING if name in flown_modes)
 
 
 def _gyro_delay_s(log: FlightLog) -> float:

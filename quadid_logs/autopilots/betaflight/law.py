@@ -7,7 +7,7 @@ range; here they are rad/s and 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import reduce
 from operator import mul
 from typing import Final, NamedTuple
@@ -32,9 +32,68 @@ _YAW_INTEGRAL_SINCE: Final = (4, 0)
 #: TPA_MODE_PD: P is attenuated like D.
 _WITH_P: Final = 0.0
 _STICK_LOW, _STICK_RANGE = 1000.0, 1000.0
+#: pid[PID_LEVEL] is tenths of a rate per angle. Since 4.5 horizon mode fades the law of angle mode in, by
+#: hundredths of I at most; before, I took P's place.
+_LEVEL_UNIT: Final = 0.1
+_HORIZON_FADES_SINCE: Final = (4, 5)
+#: TASK_ATTITUDE at 100 Hz: what is held for its period is half of that old in the mean [s].
+_ATTITUDE_AGE_S: Final = 0.005
+#: ATTITUDE_CUTOFF_HZ of three equal poles, each by 1 / sqrt(2^(1/3) - 1) quicker, since 4.4.
+_ANGLE_FILTER_SINCE: Final = (4, 4)
+_ANGLE_FILTER_S: Final = 3.0 * (2.0 ** (1.0 / 3.0) - 1.0) ** 0.5 / (2.0 * math.pi * 50.0)
 #: What the command line calls the entries of the header's lists, p_roll or d_max_yaw; feed-forward's list has
 #: had its name since 4.3.
 _LISTS: Final = (("d_min", "d_min"), ("d_max", "d_max"), ("f", "feedforward_weight"), ("f", "ff_weight"))
+
+
+def angle_gain_per_s(
+    settings: Mapping[str, float], modes: Collection[str], version: tuple[int, ...] | None = None
+) -> float | None:
+    """Return the gain from the angle of roll or pitch to its rate set-point, the largest of the modes flown.
+
+    Parameters
+    ----------
+    settings : mapping of str to float
+        The header's.
+    modes : collection of str
+        "Angle", "Horizon", or both. Horizon mode levels by less, the more the sticks ask for.
+    version : tuple of int or None
+        Of the firmware; None counts as a recent one.
+
+    Returns
+    -------
+    float or None
+        [1/s]; None where the header does not hold it.
+
+    Notes
+    -----
+    ``pid.c``, `pidLevel` and `calcHorizonLevelStrength`; ``pid_init.c``.
+    """
+    in_angle, in_horizon = (finite(settings.get(f"levelPID[{place}]")) for place in (0, 1))
+    if in_angle is None or in_horizon is None:
+        return None
+    fades = version is None or version >= _HORIZON_FADES_SINCE
+    by_mode = {
+        "Angle": in_angle,
+        "Horizon": in_angle * min(0.01 * in_horizon, 1.0) if fades else in_horizon,
+    }
+    return _LEVEL_UNIT * max(by_mode[mode] for mode in modes)
+
+
+def angle_delay_s(version: tuple[int, ...] | None = None) -> float:
+    """Return how old the angle is that a rate set-point is made of, its smoothing included.
+
+    Parameters
+    ----------
+    version : tuple of int or None
+
+    Returns
+    -------
+    float
+        [s]
+    """
+    smoothed = version is None or version >= _ANGLE_FILTER_SINCE
+    return _ATTITUDE_AGE_S + (_ANGLE_FILTER_S if smoothed else 0.0)
 
 
 def named_gains(settings: Mapping[str, float]) -> dict[str, float]:
