@@ -22,7 +22,7 @@ _TITLES: Final = {
 }
 #: The same for all axes, so that it is one step of what to do next.
 _CLOSE: Final = (
-    "Watch this axis in the next flight, as its loop may oscillate: land if the vehicle shakes or the motors "
+    "Watch this axis in the next flight, as the loop may oscillate: land if the vehicle shakes or the motors "
     "buzz. "
     "`quadid-log tune LOG` computes the next gains, or says why it cannot."
 )
