@@ -362,8 +362,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL436",
                 "A motor stood still while it was told to turn",
                 "For a second or longer one motor turned less than half as fast as the slowest other, "
-                "although its command was higher than theirs. If the vehicle flew well meanwhile, only the "
-                "speed was not measured.",
+                "although its command was above the mean of the others. If the vehicle flew well meanwhile, "
+                "only the speed was not measured.",
                 "Take the propellers off and run each motor on the bench. If this one does not turn, look "
                 "at its wires, solder joints, winding and ESC; if it does, look at the ESC's telemetry.",
                 scope="vehicle",

@@ -12,7 +12,7 @@ from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.health import Health, Standstill
 from quadid_logs.health.battery import find_battery
-from quadid_logs.health.commanded import commanded_thrust
+from quadid_logs.health.commanded import Commanded, commanded_thrust
 from quadid_logs.health.course import find_rates, find_throttle, find_thrust, find_tilt, find_torque
 from quadid_logs.health.motors import find_motors, motor_names
 from quadid_logs.health.noise import find_noise
@@ -80,7 +80,8 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     reason = "" if intervals else data.on_ground_reason or "no flight was found"
     if prepared.log.vehicle_type not in (MULTIROTOR, "unknown"):
         reason = "this is not a multirotor"
-    standstill = _standstill(prepared)
+    sent = commanded_thrust(prepared)
+    standstill = _standstill(prepared, sent)
     if reason:
         return Health(standstill=standstill, missing=dict.fromkeys(_NEEDS, reason))
     series = {name: one for name, one in prepared.series.items() if one.n_samples >= 2}
@@ -126,7 +127,7 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         if (voltage := series.get("battery_voltage")) is None
         else find_battery(voltage, throttle, intervals),
         "oscillation": oscillation,
-        "rotors": find_rotors(prepared, intervals),
+        "rotors": find_rotors(prepared, sent, intervals),
     }
     there = {
         *series,
@@ -140,12 +141,11 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     return Health(**found, standstill=standstill, missing=missing)
 
 
-def _standstill(prepared: Prepared) -> Standstill | None:
+def _standstill(prepared: Prepared, sent: Commanded | None) -> Standstill | None:
     """Look at all of the log: a vehicle with a motor that stands still does not fly for long."""
     speed, motors = prepared.series.get("rotor_speed"), prepared.series.get("motor_thrust")
     if speed is None or speed.n_samples < 2:
         return None
-    sent = commanded_thrust(prepared)
     outputs = motors if sent is None else sent.series
     if outputs is None or outputs.n_samples < 2:
         return None
@@ -172,7 +172,7 @@ def faults_of(prepared: Prepared, data: FlightData) -> Health:
     clips = prepared.candidates.get("accelerometer_clips", ())
     series = {name: one for name, one in prepared.series.items() if one.n_samples >= 2}
     rotors, vibration = (
-        find_rotors(prepared, intervals),
+        find_rotors(prepared, commanded_thrust(prepared), intervals),
         find_vibration(series, clips, intervals, prepared.candidates),
     )
     looked_at = {"rotors": rotors, "vibration": vibration}

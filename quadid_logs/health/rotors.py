@@ -17,7 +17,7 @@ from quadid_logs.align import Prepared
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import Quantity, RotorBalance, RotorFault, Rotors
-from quadid_logs.health.commanded import Commanded, commanded_thrust
+from quadid_logs.health.commanded import Commanded
 from quadid_logs.health.desync import find_desync
 from quadid_logs.health.effectiveness import directions, find_effectiveness
 from quadid_logs.health.motors import motor_names
@@ -69,12 +69,14 @@ class _Fit(NamedTuple):
         return self.yaw_agrees and self.yaw_in_errors > NORMAL_95
 
 
-def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | None:
+def find_rotors(prepared: Prepared, sent: Commanded | None, intervals: Sequence[Interval]) -> Rotors | None:
     """Test each rotor for what it gives, and for what shakes.
 
     Parameters
     ----------
     prepared : Prepared
+    sent : Commanded or None
+        As of `commanded_thrust`.
     intervals : sequence of (start_s, end_s)
         Of flight.
 
@@ -83,7 +85,6 @@ def find_rotors(prepared: Prepared, intervals: Sequence[Interval]) -> Rotors | N
     Rotors or None
         None where the log does not tell what each rotor was sent.
     """
-    sent = commanded_thrust(prepared)
     if sent is None:
         return None
     # Between two flights loads are moved and propellers changed.

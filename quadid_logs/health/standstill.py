@@ -13,12 +13,12 @@ from quadid_logs.data.health import Quantity, Standstill
 
 #: At half the speed of the slowest other rotor, the same propeller gives a quarter of its thrust at most.
 _OF_THE_SLOWEST: Final = 0.5
-#: An ESC that starts a motor has turned it within this, or gave up [s].
+#: Judgement: longer than any ESC takes to start a motor, so that a slow start is no fault [s].
 _SHORTEST_S: Final = 1.0
 
 
 def find_standstill(outputs: CleanSeries, speed: CleanSeries, names: Sequence[str]) -> Standstill | None:
-    """Search for a rotor that hardly turns although it is sent more than the others are.
+    """Search for a rotor that hardly turns although its command is above the mean of the others.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def find_standstill(outputs: CleanSeries, speed: CleanSeries, names: Sequence[st
             rpm = 30.0 / np.pi * np.array([turns[first:last, rotor].mean(), slowest[first:last].mean()])
             longest = Standstill(
                 sentence=f"{name.capitalize()} turned at {rpm[0]:.0f} rpm for {length_s:.1f} s, from "
-                f"{speed.time_s[first]:.1f} s on, although it was sent more than the others, which turned at "
-                f"{rpm[1]:.0f} rpm or more: it stood still, or its speed was not measured.",
+                f"{speed.time_s[first]:.1f} s on. Its command was above the mean of the others, which turned "
+                f"at {rpm[1]:.0f} rpm or more. It stood still, or its speed was not measured.",
                 level="severe",
                 findings=("QL436",),
                 rotor=rotor,
