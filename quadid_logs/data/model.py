@@ -684,7 +684,7 @@ class SpectralFit:
     commanded : float
         Power of the torque that goes with what was commanded over that of all of it.
     r2_commanded : float
-        Fraction of the commanded acceleration that the equation explains.
+        Fraction of the commanded acceleration that the equation explains, each frequency over its noise.
     n_blocks : int
         Half-overlapping segments of the flight that were compared.
     half_width : float

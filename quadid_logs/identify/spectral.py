@@ -522,9 +522,13 @@ class AxisMoments:
         size = _ELSEWHERE**2 * self.power(self.acceleration).sum() / octaves
         return np.asarray(size * self.power(self.instrument).sum(axis=0))
 
+    def variance_of_noise(self) -> FloatArray:
+        """Return the variance of each complex moment that noise makes, and rounding; shape (n_bands,)."""
+        return np.asarray(self.noise + 2e-12 * max(float(self.size.max()) ** 2, _TINY))
+
     def depart(self, variance: float) -> None:
         """Set the whitening for a departure of this relative variance."""
-        covariance = np.diag(0.5 * self.noise + 1e-12 * max(float(self.size.max()) ** 2, _TINY))
+        covariance = np.diag(0.5 * self.variance_of_noise())
         free = self.centre_hz < self.corner_hz
         size = np.where(free, 0.0, self.size)
         covariance = covariance + variance * np.outer(size, size) * self.alike
@@ -865,20 +869,29 @@ def _one(
     lag_s, delay_s, lead_s = actuator.on(axis.number)
     gain = float(theta[0])
     own = np.array([0, 1, 2, first, first + 1])
-    above = axis.centre_hz >= axis.corner_hz
-    left = axis.left(theta, actuator)[above]
-    size = float(np.sum(np.abs(axis.of_commanded(actuator)[above] * gain) ** 2))
     spread, half_width = spread_and_half_width(axis, gain, actuator, covariance[np.ix_(own, own)])
     return SpectralFit(
         mean=np.array([gain, theta[1], lag_s, delay_s, gain * lead_s]),
         covariance=spread,
         departure=float(np.sqrt(axis.variance)),
         commanded=axis.commanded(),
-        r2_commanded=1.0 - _ratio(float(np.sum(np.abs(left) ** 2)), size),
+        r2_commanded=_explained(axis, theta, actuator),
         n_blocks=int(axis.run.size),
         planned=len(axis.corners_hz) > 1,
         half_width=half_width,
     )
+
+
+def _explained(axis: AxisMoments, theta: FloatArray, actuator: SharedActuator) -> float:
+    """Return the fraction of the commanded acceleration that an equation explains, each band over its noise.
+
+    Where air or manoeuvres of other axes hide what commands make, what is left says nothing about the
+    equation: summed as they are, the few strongest bands, the slowest, would speak for all.
+    """
+    above = axis.centre_hz >= axis.corner_hz
+    weight = 1.0 / axis.variance_of_noise()[above]
+    left = float(weight @ np.abs(axis.left(theta, actuator)[above]) ** 2)
+    return 1.0 - _ratio(left, float(weight @ np.abs(theta[0] * axis.of_commanded(actuator)[above]) ** 2))
 
 
 def spread_and_half_width(
