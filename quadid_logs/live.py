@@ -315,6 +315,8 @@ class LiveEstimate:
             if not segment.planned
         ]
         parts = [part for part in parts if part.n_samples > 1]
+        # Blocks come one by one: what kinds of flight modes there will be is not known.
+        parts = [replace(part, law=None) for part in parts]
         spectra = flight_spectra(replace(data, segments=tuple(parts))) if parts else None
         if spectra is None:
             return

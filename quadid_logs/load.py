@@ -68,8 +68,12 @@ def prepare(log: FlightLog, vehicle: Vehicle | None = None) -> Prepared:
     modes = {one.name for one in log.modes}
     gains = {name: found for name in modes if (found := autopilot.angle_gains(name, log.parameters))}
 
+    of_sticks = {name: full for name in modes if (full := autopilot.stick_gains(name, log.parameters))}
+
     def assembled(chosen: Torques) -> Prepared:
-        return assemble(replace(log, torque=chosen.model), cleaned, chosen.sources, loop_rate_hz, gains)
+        return assemble(
+            replace(log, torque=chosen.model), cleaned, chosen.sources, loop_rate_hz, gains, of_sticks
+        )
 
     prepared, without = assembled(torques), torques.without_speeds
     return prepared if without is None else _chosen(prepared, assembled(without))

@@ -159,6 +159,13 @@ _SPECS = (
     ),
     SignalSpec("armed", ("armed",), ("armed",), "1", "1 while the motors are armed"),
     SignalSpec("landed", ("landed",), ("landed",), "1", "1 while the autopilot believes it stands on ground"),
+    SignalSpec(
+        "stick",
+        ("roll_stick", "pitch_stick"),
+        ("roll", "pitch"),
+        "1",
+        "where the pilot's sticks stand, -1 to 1, in the sense of the body rates",
+    ),
     SignalSpec("sysid_chirp", ("sysid_chirp",), ("chirp",), "1", "excitation injected by a system-ID mode"),
 )
 

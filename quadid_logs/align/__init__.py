@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from quadid_logs.align.clock import Clock, find_clock
-from quadid_logs.align.commands import AngleGains, command_of
+from quadid_logs.align.commands import AngleGains, StickGains, with_commands
 from quadid_logs.align.flights import find_flights
 from quadid_logs.align.gyro import check_gyro
 from quadid_logs.align.series import (
@@ -70,6 +70,8 @@ class Prepared:
         Of the autopilot's rate loop, 0 where that is not known.
     angle_gains : mapping of str to (roll, pitch, yaw)
         Of the flight modes in which set-points follow from the sticks [1/s].
+    stick_gains : mapping of str to (roll, pitch)
+        Of the flight modes in which the signal ``stick`` asks for angles [rad/s].
     """
 
     log: FlightLog
@@ -79,6 +81,7 @@ class Prepared:
     torque: TorqueSeries | None
     loop_rate_hz: float = 0.0
     angle_gains: AngleGains = field(default_factory=dict)
+    stick_gains: StickGains = field(default_factory=dict)
 
     @property
     def flights(self) -> tuple[Interval, ...]:
@@ -123,6 +126,7 @@ def assemble(
     torques: Sequence[TorqueSeries],
     loop_rate_hz: float = 0.0,
     angle_gains: AngleGains | None = None,
+    stick_gains: StickGains | None = None,
 ) -> Prepared:
     """Choose the source of every signal.
 
@@ -136,6 +140,7 @@ def assemble(
     loop_rate_hz : float
         Of the autopilot's rate loop, 0 where that is not known.
     angle_gains : mapping of str to (roll, pitch, yaw), optional
+    stick_gains : mapping of str to (roll, pitch), optional
         As of `Prepared`.
 
     Returns
@@ -159,6 +164,7 @@ def assemble(
         torque=torque,
         loop_rate_hz=loop_rate_hz,
         angle_gains=angle_gains or {},
+        stick_gains=stick_gains or {},
     )
 
 
@@ -187,8 +193,13 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
     if "reference_rate" in series:
         segments = tuple(replace(each, command=each.reference, planned=True) for each in segments)
     else:
-        segments = tuple(
-            replace(each, command=command_of(each, modes, prepared.angle_gains)) for each in segments
+        sticks = series.get("stick")
+        segments = with_commands(
+            segments,
+            modes,
+            prepared.angle_gains,
+            stick_gains=prepared.stick_gains,
+            sticks=() if sticks is None else [_resampled(sticks, each.time_s) for each in segments],
         )
     return FlightData(
         sample_period_s=period_s,

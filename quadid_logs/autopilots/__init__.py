@@ -134,6 +134,13 @@ class Autopilot:
         """
         return None
 
+    def stick_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float] | None:  # noqa: ARG002
+        """Return the rate set-points of roll and pitch that full sticks make of a level vehicle [rad/s].
+
+        Of flight modes in which sticks are logged that ask for angles; None of others.
+        """
+        return None
+
     def controllers(
         self,
         log: FlightLog,  # noqa: ARG002

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, BoolArray, FloatArray
+from quadid_logs.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from quadid_logs.counting import counted
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, LogText, ModeChange
 from quadid_logs.data.torque import AssumedExpo, Calibration
@@ -80,6 +80,9 @@ class Segment:
         gain times the angle is put back, which leaves that gain times the commanded angle [rad/s]. NaN in
         flight modes whose set-points answer the motion in ways that the log does not tell; None without
         set-points, or where no flight mode is known. Of a planned trajectory the rates that follow from it.
+        Where sticks that ask for angles are logged, those of roll and pitch, as rates.
+    law : ndarray of int, shape (n_samples,), or None
+        How the flight mode made set-points of commands, a number for each kind; None where one kind flew.
     velocity_m_s : ndarray, shape (n_samples, 3), or None
         Over ground, along the body axes; None where no velocity or no attitude is logged.
     planned : bool
@@ -99,6 +102,7 @@ class Segment:
     saturated: BoolArray
     reference: FloatArray | None = None
     command: FloatArray | None = None
+    law: IntArray | None = None
     velocity_m_s: FloatArray | None = None
     planned: bool = False
     rotor_thrust: FloatArray | None = None
@@ -122,6 +126,7 @@ class Segment:
             saturated=self.saturated[rows],
             reference=None if self.reference is None else self.reference[rows],
             command=None if self.command is None else self.command[rows],
+            law=None if self.law is None else self.law[rows],
             velocity_m_s=None if self.velocity_m_s is None else self.velocity_m_s[rows],
             rotor_thrust=None if self.rotor_thrust is None else self.rotor_thrust[rows],
             thrust_by_expo=None if self.thrust_by_expo is None else self.thrust_by_expo[rows],

@@ -181,7 +181,12 @@ def solve_flight(data: FlightData) -> SpectralSolution | None:
         return None
     moved = np.flatnonzero(np.sum(blocks_that_turn(spectra), axis=0) > 1).tolist()
     return solve_spectra(
-        spectra, data.gyro_filter, planned=is_planned(data), with_speed=has_speed(data), moved=moved
+        spectra,
+        data.gyro_filter,
+        planned=is_planned(data),
+        with_speed=has_speed(data),
+        moved=moved,
+        n_laws=_laws(data).size,
     )
 
 
@@ -226,6 +231,7 @@ def solve_spectra(
     planned: bool = False,
     with_speed: bool = False,
     moved: Sequence[int] = range(_AXES),
+    n_laws: int = 1,
 ) -> SpectralSolution | None:
     """Estimate as `fit_spectra` does, and keep what the estimates were made from.
 
@@ -236,6 +242,8 @@ def solve_spectra(
     planned, with_speed : bool
     moved : sequence of int
         As of `fit_spectra`.
+    n_laws : int
+        Kinds of flight modes, each with set-points of its own.
 
     Returns
     -------
@@ -254,7 +262,7 @@ def solve_spectra(
         # One instrument an axis, as it is: a first stage of so weak ones would be noise of its own.
         told = command[:, :, :_AXES]
     else:
-        from_outside = _from_outside(command, spectra, gyro_filter)
+        from_outside = _from_outside(command, spectra, gyro_filter, n_laws)
         given = np.abs(command).max(axis=(0, 1)) > _SMALLEST
         told = _told_by_others(command[:, :, given], torque, spectra.run, from_outside[:, given])
     axes = [number for number in axes if _has_size(told[:, :, number])]
@@ -342,7 +350,7 @@ def command_records(data: FlightData) -> list[CommandRecord]:
     list of CommandRecord
         Columns are those of `flight_spectra`; none where the parts differ in what was commanded.
     """
-    records, with_speed = [], has_speed(data)
+    records, with_speed, laws = [], has_speed(data), _laws(data)
     for segment in data.segments:
         if segment.command is None or segment.reference is None:
             continue
@@ -351,6 +359,8 @@ def command_records(data: FlightData) -> list[CommandRecord]:
         speed = (
             [segment.velocity_m_s[:, :_N_SPEEDS]] if with_speed and segment.velocity_m_s is not None else []
         )
+        if laws.size > 1 and segment.law is not None:
+            command = _by_law(command, segment.law, laws)
         put_back = segment.command[:, :_AXES] - segment.reference[:, :_AXES]
         columns = np.column_stack(
             [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, put_back, *speed, command]
@@ -362,11 +372,31 @@ def command_records(data: FlightData) -> list[CommandRecord]:
     return records if len({record.columns.shape[1] for record in records}) == 1 else []
 
 
+def _laws(data: FlightData) -> IntArray:
+    """Return the kinds of flight modes in which it is known what was commanded."""
+    flown = [
+        segment.law[np.isfinite(segment.command).all(axis=1)]
+        for segment in data.segments
+        if segment.command is not None and segment.law is not None
+    ]
+    return np.unique(np.concatenate(flown)) if flown else np.zeros(1, dtype=np.int64)
+
+
+def _by_law(command: FloatArray, law: IntArray, laws: IntArray) -> FloatArray:
+    """Return commands with set-points in columns of their own for each kind of flight mode, others behind.
+
+    What the torque makes of a command is another law in each: in one column the first stage would be neither.
+    """
+    apart = [np.where((law == each)[:, np.newaxis], command[:, :_AXES], 0.0) for each in laws.tolist()]
+    return np.column_stack([*apart, command[:, _AXES:]])
+
+
 def flight_spectra(data: FlightData) -> BlockSpectra | None:
     """Return the spectra of all that an estimate needs.
 
     Rates, torques, products of rates, what of the set-points was the answer of the angle controller, speeds
-    if any (`has_speed`), commands, of which the first three are set-points without that answer.
+    if any (`has_speed`), commands, of which the first three are set-points without that answer; with modes of
+    several kinds, three for each.
 
     Parameters
     ----------
@@ -590,7 +620,9 @@ def _has_size(lines: ComplexArray) -> bool:
     return _SMALLEST < float(np.abs(lines).max(initial=0.0)) < _LARGEST
 
 
-def _from_outside(command: ComplexArray, spectra: BlockSpectra, gyro_filter: GyroFilter) -> FloatArray:
+def _from_outside(
+    command: ComplexArray, spectra: BlockSpectra, gyro_filter: GyroFilter, n_laws: int
+) -> FloatArray:
     """Return how much of the power of each command comes from outside, shape (n_lines, n_commands).
 
     What the angle controller answered was put back by angles that the rates tell: to one sample and to the
@@ -601,12 +633,15 @@ def _from_outside(command: ComplexArray, spectra: BlockSpectra, gyro_filter: Gyr
     put_back = shared(
         np.abs(np.moveaxis(spectra.values[:, :, 3 * _AXES : N_BEFORE_COMMANDS], 0, 1)) ** 2
     ).sum(axis=1)
-    given = shared(np.abs(np.moveaxis(command[:, :, :_AXES], 0, 1)) ** 2).sum(axis=1)
+    set_points = command[:, :, : n_laws * _AXES]
+    power = np.sum(np.abs(set_points.reshape(*set_points.shape[:2], n_laws, _AXES)) ** 2, axis=2)
+    given = shared(np.moveaxis(power, 0, 1)).sum(axis=1)
     s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
     later = np.exp(-s * spectra.period_s) * gyro_response(s, *gyro_filter)
     left = np.abs(1.0 - later) ** 2 + np.abs(_HOLDS_PLACE_RAD_S / s) ** 2
     outside = np.ones((s.size, command.shape[2]))
-    outside[:, :_AXES] = np.clip(1.0 - left[:, np.newaxis] * put_back / np.maximum(given, _TINY), 0.0, 1.0)
+    kept = np.clip(1.0 - left[:, np.newaxis] * put_back / np.maximum(given, _TINY), 0.0, 1.0)
+    outside[:, : n_laws * _AXES] = np.tile(kept, n_laws)
     return outside
 
 

@@ -42,7 +42,7 @@ def in_dialect(log: FlightLog, dialect: str) -> FlightLog:
     Returns
     -------
     FlightLog
-        Without signals that the firmware does not log.
+        Without signals that the firmware does not log, and without flight modes.
 
     Raises
     ------
@@ -55,10 +55,12 @@ def in_dialect(log: FlightLog, dialect: str) -> FlightLog:
         settings |= _PULSES | {f"rates[{axis}]": 60.0 for axis in range(3)}
     else:
         settings |= _TENTHS | (_OLD if dialect == "betaflight-3" else _PULSES | _COUNTED)
-    gone = {"rotor_speed"} if dialect == "inav" else {"rotor_speed", "attitude"}
+    gone = {"rotor_speed", "stick"} if dialect == "inav" else {"rotor_speed", "stick", "attitude"}
     signals = {
         name: sources if dialect == "inav" else sources[:1]
         for name, sources in log.signals.items()
         if name not in gone
     }
-    return replace(log, autopilot=autopilot, firmware=firmware, parameters=settings, signals=signals)
+    return replace(
+        log, autopilot=autopilot, firmware=firmware, parameters=settings, signals=signals, modes=()
+    )

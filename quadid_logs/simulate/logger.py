@@ -31,6 +31,7 @@ from quadid_logs.simulate.effects import with_outliers
 from quadid_logs.simulate.faults import ACCELEROMETER_RANGE_M_S2, shaken
 from quadid_logs.simulate.position_hold import DIRECTIONS
 from quadid_logs.simulate.vendors import (
+    ANGLE_LIMIT_DEG,
     POSITION_ROWS,
     SYSID_STREAM,
     Stream,
@@ -269,6 +270,8 @@ def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
         if setup.autopilot == "betaflight" and name in _PER_MOTOR:
             # Outputs from idle, which is none, to full, in Betaflight's order of motors.
             values = channels[_PER_MOTOR[name]][index][:, motor_order(setup)]
+    elif name == "stick":
+        values = _sticks(record)[index]
     elif name == "body_rate_raw" and setup.autopilot == "betaflight":
         values = channels["gyro"][index]
     elif name == "body_rate_raw":
@@ -298,6 +301,14 @@ def _injection(record: Record) -> FloatArray:
     begin = round(setup.schedule.manoeuvre_s * setup.loop_hz) - 1
     torque = setup.reference.torque.sum(axis=1, keepdims=True)
     values[begin : begin + torque.shape[0]] = torque
+    return values
+
+
+def _sticks(record: Record) -> FloatArray:
+    """Return the sticks of roll and pitch, which ask for angles up to the limit, shape (n_steps, 2)."""
+    setup, tilt_rad = record.setups[0], record.setups[0].reference.tilt_rad
+    values, begin = np.zeros((record.time_s.size, 2)), round(setup.schedule.manoeuvre_s * setup.loop_hz)
+    values[begin : begin + len(tilt_rad)] = tilt_rad / np.radians(ANGLE_LIMIT_DEG)
     return values
 
 
@@ -506,11 +517,13 @@ def _modes(
     changes: list[tuple[float, str]] = []
     for record, offset in zip(records, offsets[:-1].tolist(), strict=True):
         flown = record.setups[0]
-        mode = kind.flight_mode if flown.position is None else kind.position_mode
+        mode, landing = kind.flight_mode if flown.position is None else kind.position_mode, kind.landing_mode
+        if kind.angle_mode and flown.reference.asks_for_angles:
+            mode = landing = kind.angle_mode
         changes.append((max(offset, logging.start_s), mode))
         if np.any(flown.reference.torque):
             changes.append((offset + flown.schedule.manoeuvre_s, kind.sysid_mode))
-        changes.append((offset + flown.schedule.land_s, kind.landing_mode))
+        changes.append((offset + flown.schedule.land_s, landing))
     times = np.round(np.array([time for time, _ in changes]) * setup.loop_hz) / setup.loop_hz
     stamps = _stamp(times, setup, logging, float(offsets[-1]))
     positions = np.searchsorted(row_s, times) + 1

@@ -30,6 +30,11 @@ class Reference:
     rate_rad_s: FloatArray
     torque: FloatArray
 
+    @property
+    def asks_for_angles(self) -> bool:
+        """Whether nothing but angles of roll and pitch, and the rate of yaw, is commanded."""
+        return not np.any(self.rate_rad_s) and not np.any(self.torque)
+
 
 def _reference(
     time_s: FloatArray,

@@ -9,7 +9,7 @@ import numpy as np
 
 from quadid_logs.autopilots.ardupilot.frames import FRAME_CLASSES, FRAME_TYPES
 from quadid_logs.errors import SimulationError
-from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN, Setup, Tuning, final_gains
+from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN, Setup, Tuning, controller_gains, final_gains
 from quadid_logs.simulate.control import Gains, TrackingNotch
 from quadid_logs.simulate.outputs import CELL_WARNING_V
 from quadid_logs.simulate.position_hold import PositionHold
@@ -42,7 +42,7 @@ class Vendor:
 
     ``default_rate_hz`` is the main rate without changed log settings; ``terms``: those of the rate
     controllers are logged; ``position_mode`` and ``position_stream``: the mode that holds positions, and what
-    it logs besides.
+    it logs besides; ``angle_mode``: where a manoeuvre of angles has another mode than one of rates.
     """
 
     name: str
@@ -55,6 +55,7 @@ class Vendor:
     landing_mode: str
     terms: bool = True
     position_mode: str = ""
+    angle_mode: str = ""
     position_stream: Stream | None = None
 
 
@@ -133,6 +134,9 @@ PX4: Final = Vendor(
 )
 
 
+#: A unit of `levelPID` [1/s], and the angle of a full stick [deg] (``pid.c``).
+_LEVEL_UNIT_1_S: Final = 0.1
+ANGLE_LIMIT_DEG: Final = 60.0
 BETAFLIGHT: Final = Vendor(
     name="betaflight",
     log_format="blackbox",
@@ -146,6 +150,7 @@ BETAFLIGHT: Final = Vendor(
                 ("body_rate", "gyroADC"),
                 ("body_rate_raw", "gyroUnfilt"),
                 ("body_rate_setpoint", "setpoint"),
+                ("stick", "rcCommand"),
                 ("attitude", "imuQuaternion"),
                 ("torque_command", "axisP"),
                 ("throttle", "setpoint[3]"),
@@ -156,9 +161,10 @@ BETAFLIGHT: Final = Vendor(
             ),
         ),
     ),
-    flight_mode="ANGLE",
-    sysid_mode="CHIRP",
-    landing_mode="ANGLE",
+    flight_mode="Acro",
+    sysid_mode="Acro",
+    landing_mode="Acro",
+    angle_mode="Angle",
     terms=False,
 )
 
@@ -451,9 +457,14 @@ def _px4_gains(gains: Gains) -> dict[str, float]:
 def _betaflight(setup: Setup) -> dict[str, float]:
     """Betaflight: the settings that the header of a Blackbox log holds; digital outputs without idle.
 
-    Gains are not among them: what flies here is not its law, and only the sum of the terms is written.
+    Gains of the rates are not among them: what flies here is not its law, and only the sum of the terms is
+    written.
     """
+    angle_gain_1_s = float(np.ravel(controller_gains(setup).attitude[0])[0])
     return {
+        "levelPID[0]": round(angle_gain_1_s / _LEVEL_UNIT_1_S),
+        "levelPID[1]": 50,
+        "angle_limit": ANGLE_LIMIT_DEG,
         "looptime": 1e6 / setup.loop_hz,
         "pid_process_denom": 1,
         "gyro_lpf1_type": 1,

@@ -15,7 +15,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.autopilots.betaflight.signals import STICK, TO_FRD
-from quadid_logs.autopilots.betaflight.sticks import sticks_of
+from quadid_logs.autopilots.betaflight.sticks import STICK_END, sticks_of
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.errors import OutputError
 from quadid_logs.maths.rotations import quaternion_from_euler
@@ -41,6 +41,8 @@ _COUNTS, _COUNTS_BITS = 16.4, "0x3d79c190"
 #: What a stick of Cleanflight asks for with `rates` of 75 [deg/s].
 _PER_STICK: Final = (75.0 + 27.0) / 16.0 / 4.1
 _STICK: Final = np.arange(-500.0, 500.5, 0.5)
+#: ``fc/rc_modes.h``: the bit of a mode in the flags of slow frames.
+_MODE_FLAGS: Final = {"Angle": 1 << 1, "Horizon": 1 << 2}
 #: Thousandths per degree per second that P is made of, where it has to tell what sticks ask for.
 _GAIN: Final = 1.4
 
@@ -88,7 +90,8 @@ def write_blackbox(log: FlightLog, file: BinaryIO) -> None:
         file.write(f"H {name}:{text}\n".encode())
     # The clock of 32 bits begins anew after 71 minutes.
     whole = [np.arange(len(time_us)), time_us & 0xFFFFFFFF, *map(_whole, columns.values())]
-    file.write(_frames(np.stack(whole, axis=1)))
+    for frames in _frames(np.stack(whole, axis=1), _slow_frames(log, rates[0].time_s)):
+        file.write(frames)
     file.write(b"E\x0f\0" + _LOG_END)
 
 
@@ -149,6 +152,8 @@ def _columns(signal: Signal, log: FlightLog, spelling: _Spelling, *, first: bool
             if spelling.sticks
             else _named(spelling.set_points, rates * tenths)
         )
+    if signal.name == "stick":
+        return _named(STICK, values * TO_FRD[:2] * STICK_END * tenths)
     if signal.name == "torque_command":
         return _named("axisP", forward_left_up * 1000.0)
     if signal.name == "throttle":
@@ -190,6 +195,9 @@ def _header(log: FlightLog, names: tuple[str, ...]) -> dict[str, str]:
     }
     lines = {"Data version": "2", "I interval": str(_INTERVAL), "P interval": "1/1"}
     lines |= {name: ",".join(map(str, each)) for name, each in lists.items()}
+    if log.modes:
+        lines |= {"Field S name": "flightModeFlags", "Field S signed": "0", "Field S predictor": "0"}
+        lines["Field S encoding"] = "1"
     lines |= _firmware(log)
     lines |= {
         "Log start datetime": "0000-01-01T00:00:00.000+00:00",
@@ -217,8 +225,21 @@ def _line(text: str) -> str:
     return "".join(character for character in text if character.isprintable())
 
 
-def _frames(rows: IntArray) -> bytes:
-    """Write rows (n_rows, n_fields), loops and time first: complete at each `_INTERVAL`-th loop."""
+def _slow_frames(log: FlightLog, time_s: FloatArray) -> list[tuple[int, bytes]]:
+    """Return the slow frames, which hold the flight mode, with the row of the main frame behind each."""
+    rows = np.searchsorted(time_s, [mode.time_s for mode in log.modes])
+    return [
+        (int(row), b"S" + bytes([_MODE_FLAGS.get(mode.name, 0)]))
+        for row, mode in zip(rows, log.modes, strict=True)
+        if row < len(time_s)
+    ]
+
+
+def _frames(rows: IntArray, slow: list[tuple[int, bytes]]) -> list[bytes]:
+    """Write rows (n_rows, n_fields), loops and time first: complete at each `_INTERVAL`-th loop.
+
+    ``slow``: frames in the order of the rows before which they stand.
+    """
     complete = rows[:, 0] % _INTERVAL == 0
     change = np.diff(rows, axis=0, prepend=rows[:1])
     left = np.where(complete[:, None], rows, (change + 2**31) % 2**32 - 2**31)
@@ -237,4 +258,8 @@ def _frames(rows: IntArray) -> bytes:
         has = size > k
         seven_bits = (number[has] >> 7 * k) & 127
         content[at[has] + k] = seven_bits | np.where(size[has] > k + 1, 128, 0)
-    return content.tobytes()
+    written, begin = [], 0
+    for row, frame in slow:
+        written += [content[begin : start[row]].tobytes(), frame]
+        begin = int(start[row])
+    return [*written, content[begin:].tobytes()]

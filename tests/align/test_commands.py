@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadid_logs.align.commands import command_of
+from quadid_logs.align.commands import AngleGains, with_commands
 from quadid_logs.autopilots import named
 from quadid_logs.data.flight import Segment
 from quadid_logs.data.log import ModeChange
@@ -30,6 +30,11 @@ def _segment() -> tuple[Segment, np.ndarray]:
     ), wanted
 
 
+def _command_of(segment: Segment, modes: list[ModeChange], gains: AngleGains) -> np.ndarray | None:
+    (found,) = with_commands([segment], modes, gains)
+    return found.command
+
+
 def _modes(*changes: tuple[float, str]) -> list[ModeChange]:
     return [ModeChange(time_s=time_s, position=0, name=name) for time_s, name in changes]
 
@@ -37,7 +42,7 @@ def _modes(*changes: tuple[float, str]) -> list[ModeChange]:
 def test_the_angle_controllers_answer_is_taken_out() -> None:
     """What is left is the commanded angle times the gain, but for drifts of quarter minutes."""
     segment, wanted = _segment()
-    command = command_of(segment, _modes((0.0, "STABILIZE")), {"STABILIZE": GAIN})
+    command = _command_of(segment, _modes((0.0, "STABILIZE")), {"STABILIZE": GAIN})
     assert command is not None
     assert segment.reference is not None
     quick = np.diff(command - wanted, axis=0)
@@ -47,21 +52,21 @@ def test_the_angle_controllers_answer_is_taken_out() -> None:
 def test_set_points_of_an_acro_flight_are_the_command() -> None:
     """With gains of zero nothing changes."""
     segment, _ = _segment()
-    command = command_of(segment, _modes((0.0, "Acro")), {"Acro": (0.0, 0.0, 0.0)})
+    command = _command_of(segment, _modes((0.0, "Acro")), {"Acro": (0.0, 0.0, 0.0)})
     np.testing.assert_array_equal(command, segment.reference)
 
 
 def test_nothing_is_known_of_a_mode_that_answers_the_position() -> None:
     """From 20 s on."""
     segment, _ = _segment()
-    command = command_of(segment, _modes((0.0, "STABILIZE"), (20.0, "LOITER")), {"STABILIZE": GAIN})
+    command = _command_of(segment, _modes((0.0, "STABILIZE"), (20.0, "LOITER")), {"STABILIZE": GAIN})
     assert command is not None
     np.testing.assert_array_equal(np.isnan(command[:, 0]), TIME_S >= 20.0)
 
 
 def test_a_log_without_modes_tells_no_command() -> None:
     """Its set-points may answer anything."""
-    assert command_of(_segment()[0], [], {}) is None
+    assert _command_of(_segment()[0], [], {}) is None
 
 
 def test_the_gains_are_those_of_the_autopilots_parameters() -> None:
@@ -81,7 +86,56 @@ def test_the_gains_are_those_of_the_autopilots_parameters() -> None:
 
 def test_a_gain_that_no_firmware_has_is_not_believed() -> None:
     """A damaged parameter would make numbers that overflow."""
-    command = command_of(_segment()[0], _modes((0.0, "STABILIZE")), {"STABILIZE": (1e300, np.inf, 4.0)})
+    command = _command_of(_segment()[0], _modes((0.0, "STABILIZE")), {"STABILIZE": (1e300, np.inf, 4.0)})
     assert command is not None
     assert np.isnan(command[:, :2]).all()
     assert np.isfinite(command[:, 2]).all()
+
+
+def test_sticks_that_ask_for_angles_are_the_command_of_roll_and_pitch() -> None:
+    """Whatever the set-points answer; yaw's asks for a rate."""
+    segment, _ = _segment()
+    assert segment.reference is not None
+    sticks = np.sin(np.outer(TIME_S, (2.0, 7.0)))
+    (found,) = with_commands(
+        [segment], _modes((0.0, "Angle")), {}, stick_gains={"Angle": (5.0, 4.0)}, sticks=[sticks]
+    )
+    assert found.command is not None
+    np.testing.assert_allclose(found.command[:, :2], sticks * (5.0, 4.0))
+    np.testing.assert_array_equal(found.command[:, 2], segment.reference[:, 2])
+
+
+def test_sticks_count_only_in_modes_in_which_they_ask_for_angles() -> None:
+    """In acro the set-points are the command."""
+    segment, _ = _segment()
+    assert segment.reference is not None
+    (found,) = with_commands(
+        [segment],
+        _modes((0.0, "Angle"), (20.0, "Acro")),
+        {"Acro": (0.0, 0.0, 0.0)},
+        stick_gains={"Angle": (5.0, 5.0)},
+        sticks=[np.zeros((TIME_S.size, 2))],
+    )
+    assert found.command is not None
+    acro = TIME_S >= 20.0
+    np.testing.assert_array_equal(found.command[acro], segment.reference[acro])
+    np.testing.assert_array_equal(found.command[~acro, :2], 0.0)
+
+
+def test_modes_of_several_kinds_are_told_apart() -> None:
+    """Angles are held as stabilized as in altitude hold, and not in acro."""
+    gains = {"STABILIZE": GAIN, "ALT_HOLD": GAIN, "ACRO": (0.0, 0.0, 0.0)}
+    (found,) = with_commands(
+        [_segment()[0]], _modes((0.0, "STABILIZE"), (15.0, "ACRO"), (25.0, "ALT_HOLD")), gains
+    )
+    assert found.law is not None
+    acro = (TIME_S >= 15.0) & (TIME_S < 25.0)
+    assert len(set(found.law[acro])) == len(set(found.law[~acro])) == 1
+    assert found.law[0] != found.law[acro][0]
+
+
+def test_modes_of_one_kind_are_one() -> None:
+    """The gains are the same."""
+    gains = {"STABILIZE": GAIN, "ALT_HOLD": GAIN}
+    (found,) = with_commands([_segment()[0]], _modes((0.0, "STABILIZE"), (20.0, "ALT_HOLD")), gains)
+    assert found.law is None

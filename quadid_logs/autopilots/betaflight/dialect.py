@@ -120,9 +120,12 @@ class Dialect:
         return firmware_of(lines).name == self.name
 
     def fields_of(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Return which of the fields of a frame are needed: sticks only where set-points are not logged."""
-        logged = "setpoint[0]" in names
-        return tuple(name for name in self.fields if not (logged and name.startswith("rcCommand")))
+        """Return which of the fields of a frame are needed.
+
+        Where set-points are logged, sticks only of roll and pitch, which may ask for angles.
+        """
+        unused = ("rcCommand[2]", "rcCommand[3]") if "setpoint[0]" in names else ()
+        return tuple(name for name in self.fields if name not in unused)
 
 
 def numbered(field: str, count: int = 8) -> tuple[str, ...]:

@@ -35,6 +35,13 @@ class BlackboxFamily(Autopilot):
 
         return None if mode in SELF_LEVELLING else (0.0, 0.0, 0.0)
 
+    def stick_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float] | None:
+        """Return those of modes that level the copter."""
+        from quadid_logs.autopilots.betaflight.flight_modes import SELF_LEVELLING
+        from quadid_logs.autopilots.betaflight.law import full_stick_rad_s
+
+        return (full_stick_rad_s(parameters),) * 2 if mode in SELF_LEVELLING else None
+
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
         """Looptime of the gyro [us] times the PID's denominator."""
         from quadid_logs.autopilots.betaflight.law import loop_period_us

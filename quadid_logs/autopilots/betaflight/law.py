@@ -35,6 +35,7 @@ _STICK_LOW, _STICK_RANGE = 1000.0, 1000.0
 #: pid[PID_LEVEL] is tenths of a rate per angle. Since 4.5 horizon mode fades the law of angle mode in, by
 #: hundredths of I at most; before, I took P's place.
 _LEVEL_UNIT: Final = 0.1
+_DEFAULT_LEVEL, _DEFAULT_LIMIT_DEG = 50.0, 55.0
 _HORIZON_FADES_SINCE: Final = (4, 5)
 #: TASK_ATTITUDE at 100 Hz: what is held for its period is half of that old in the mean [s].
 _ATTITUDE_AGE_S: Final = 0.005
@@ -78,6 +79,30 @@ def angle_gain_per_s(
         "Horizon": in_angle * min(0.01 * in_horizon, 1.0) if fades else in_horizon,
     }
     return _LEVEL_UNIT * max(by_mode[mode] for mode in modes)
+
+
+def full_stick_rad_s(settings: Mapping[str, float]) -> float:
+    """Return the rate set-point of roll or pitch that a full stick makes of a level copter in angle mode.
+
+    Parameters
+    ----------
+    settings : mapping of str to float
+        The header's; headers before 4.5 do not hold the limit.
+
+    Returns
+    -------
+    float
+        [rad/s].
+
+    Notes
+    -----
+    ``pid.c``, `pidLevel`: the gain times the angle that the stick asks for. Defaults are those of
+    ``resetPidProfile``: 50 of ``levelPID``, 55 degrees before 4.5 and 60 since.
+    """
+    gain = finite(settings.get("levelPID[0]"))
+    limit_deg = finite(settings.get("angle_limit"))
+    gain_per_s = _LEVEL_UNIT * (_DEFAULT_LEVEL if gain is None else gain)
+    return gain_per_s * math.radians(_DEFAULT_LIMIT_DEG if limit_deg is None else limit_deg)
 
 
 def angle_delay_s(version: tuple[int, ...] | None = None) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from datetime import datetime
 from functools import partial
@@ -159,11 +160,15 @@ def _signals(
         settings, _rotors_hz(dialect, part)
     )
 
+    uses = Counter(field for source in dialect.sources for field in (*source.fields, *source.optional))
+
     def parts_of(source: Source[Part[FrameTable]]) -> Iterator[Part[FrameTable]]:
-        """Yield the frames, and forget the fields that the signal was made of: none makes two."""
+        """Yield the frames, and forget the fields that no other signal is made of."""
         yield part
         for field in (*source.fields, *source.optional):
-            main.let_go(field)
+            uses[field] -= 1
+            if not uses[field]:
+                main.let_go(field)
 
     return build_signals(dialect.sources, parts_of, gyro_filter=known)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.autopilots.betaflight.chirp import Sweep, excitation, sweep_of
 from quadid_logs.autopilots.betaflight.header_names import gyro_scale
-from quadid_logs.autopilots.betaflight.sticks import Sticks, sticks_of, straight_by_p, told_by_p
+from quadid_logs.autopilots.betaflight.sticks import STICK_END, Sticks, sticks_of, straight_by_p, told_by_p
 from quadid_logs.autopilots.sources import (
     RPM,
     Built,
@@ -239,6 +239,15 @@ def _by_sticks(part: _Part, source: _Row) -> Built | None:
     return Built(found.astype(np.float32), note)
 
 
+def _angle_sticks(part: _Part, source: _Row) -> FloatArray | None:
+    """Return the sticks of roll and pitch, -1 to 1, FRD, where they ask for angles in some rows."""
+    facts: Facts = part.log
+    sticks = _columns(part, source) if facts.has_set_points and facts.levels.any() else None
+    if sticks is not None:
+        sticks *= facts.rate / STICK_END * TO_FRD[:2]
+    return sticks
+
+
 def _sticks(
     main: FrameTable, settings: Mapping[str, float], version: tuple[int, ...], levels: BoolArray
 ) -> Sticks | None:
@@ -379,6 +388,8 @@ SOURCES: Final[tuple[Source[_Part], ...]] = (
            label="setpoint"),
     Source("body_rate_setpoint", "main", _axes(STICK), "what the sticks ask for", _by_sticks,
            label=STICK),
+    Source("stick", "main", _axes(STICK)[:2], "what the sticks ask for in modes of angles", _angle_sticks,
+           label="rcCommand[0..1]"),
     Source("sysid_chirp", "main", _DEBUG, "excitation of the chirp mode", _chirp, label="debug[0..3]"),
     Source("attitude", "main", _axes("imuQuaternion"), "the estimator's attitude", _attitude,
            label="imuQuaternion"),

@@ -19,7 +19,7 @@ from quadid_logs.arrays import BoolArray, FloatArray
 _BETAFLIGHT, _RACEFLIGHT, _KISS, _ACTUAL, _QUICK = range(5)
 #: ``SETPOINT_RATE_LIMIT`` [deg/s], and what the logged stick is at its end.
 _FASTEST: Final = 1998.0
-_STICK: Final = 500.0
+STICK_END: Final = 500.0
 #: RC_RATE_INCREMENTAL: above 2, so much more of the rate.
 _STEEP_ABOVE, _STEEPER = 2.0, 14.54
 _LEAST_REST: Final = 0.01
@@ -96,7 +96,7 @@ class Sticks(NamedTuple):
 
     def rounding(self, axis: int, set_points: FloatArray) -> float:
         """Return what a whole number of the stick leaves unknown of set-points [deg/s], rms."""
-        command = np.arange(_STICK + 1.0)
+        command = np.arange(STICK_END + 1.0)
         rate = self.rate(axis, command)
         slope = np.interp(np.abs(set_points), np.maximum.accumulate(rate), np.gradient(rate))
         return float(np.sqrt(np.mean(slope**2) / 12.0)) if slope.size else 0.0
@@ -182,7 +182,7 @@ def sticks_of(settings: Mapping[str, float], version: tuple[int, ...] | None) ->
         kind=int(kind),
         rates=tuple((centre, expo, full) for centre, expo, full in lists),
         limits=tuple(limit if 0.0 < limit < _FASTEST else _FASTEST for limit in limits),
-        ends=tuple(_STICK - band if recent and 0.0 < band < _STICK else _STICK for band in bands),
+        ends=tuple(STICK_END - band if recent and 0.0 < band < STICK_END else STICK_END for band in bands),
         slopes=tuple(_SLOPE_UNIT * max(one, 0.0) for one in slopes),
         # Yaw is not interpolated by default.
         cut=(cut, cut, False),
@@ -242,7 +242,7 @@ def straight_sticks(highest: Sequence[float]) -> Sticks | None:
         kind=_RACEFLIGHT,
         rates=tuple((0.1 * one, 0.0, 0.0) for one in highest),
         limits=(_FASTEST,) * 3,
-        ends=(_STICK,) * 3,
+        ends=(STICK_END,) * 3,
         slopes=(0.0,) * 3,
         cut=(False,) * 3,
         expo_in_factor=False,

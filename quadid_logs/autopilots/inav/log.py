@@ -91,7 +91,8 @@ def _renamed(field: str) -> str:
 
 def _sources() -> tuple[Source[Any], ...]:
     """Return Betaflight's table with other names, without what INAV does not log."""
-    gone = ("rotor_speed", "sysid_chirp", "attitude")
+    # Its navigation writes what it wants into the sticks.
+    gone = ("rotor_speed", "sysid_chirp", "attitude", "stick")
     kept = (one for one in SOURCES if one.signal not in gone and one.fields != ("setpoint[3]",))
     sources = (
         replace(
