@@ -17,6 +17,7 @@ from quadid_logs.identify.torque_errors import half_steps
 from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.rotations import tilt_from_rates
+from quadid_logs.maths.thrust_curve import slopes_at
 
 #: Where dead zones and limits are looked for, as quantiles of the torque's size.
 _DEAD_ZONES: Final = (0.1, 0.2, 0.35, 0.5, 0.65)
@@ -37,6 +38,13 @@ _TILT_1_S2 = (2.0 * np.pi * 0.4) ** 2
 #: Thrust goes with the throttle to a power of one to two: its slope, where nothing straightens the curve, to
 #: a power of none to one.
 _BY_THROTTLE = 0.5
+#: Propellers measured on stands have an expo of 0.2 to 0.8 (docs/method.md), most of them: a deviation of
+#: 0.15; so has what a firmware was told, and what is asked for is the difference.
+_EXPO = 0.15 * 2.0**0.5
+#: Of the curve's derivative by the expo, which is smooth.
+_CURVE_POINTS = 1000
+#: Equal parts of the flight, ordered by the lift.
+_OF_LIFT: Final = (0.1, 0.3, 0.5, 0.7, 0.9)
 
 
 class EffectColumn(NamedTuple):
@@ -173,6 +181,7 @@ def effect_columns(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn
     yield from _cut_steps(signals)
     yield from _tilts(signals)
     yield from _by_throttle(signals)
+    yield from _by_curve(signals)
 
 
 def variation_columns(
@@ -207,7 +216,55 @@ def _by_throttle(signals: FlownSignals) -> Iterator[EffectColumn]:
     known = [each for each in throttle if each is not None]
     if len(known) < len(throttle) or not 0.0 < (mean := float(np.mean(np.concatenate(known)))) < np.inf:
         return
-    yield from _varying(signals, [each / mean - 1.0 for each in known], _BY_THROTTLE, 0.5)
+    yield from _varying(signals, [each / mean - 1.0 for each in known], _BY_THROTTLE, 0.25)
+
+
+def _by_curve(signals: FlownSignals) -> Iterator[EffectColumn]:
+    """Yield what another thrust curve makes of the torque of known rotors, per unit of its expo.
+
+    Each rotor's effectiveness goes with its own thrust then, not only with the lift of all.
+    """
+    data, described = signals.data, signals.data.input
+    segments = [record.segment for record in signals.records]
+    per_thrust, by_torque = _mixing(described)
+    if described is None or described.expo is None or not (rotors_known(data) and per_thrust.size):
+        return
+    if any(each.thrust_by_expo is None for each in segments):
+        return
+    own = np.array(described.expo.slope_by_expo) - described.expo.mean_slope
+    lifts = [np.asarray(each.rotor_thrust - each.torque @ by_torque.T) for each in segments]
+    thrust, by_expo = (
+        np.concatenate([np.ravel(getattr(each, name)) for each in segments])
+        for name in ("rotor_thrust", "thrust_by_expo")
+    )
+    levels, first = np.unique(thrust, return_index=True)
+    points = slice(None, None, max(1, levels.size // _CURVE_POINTS))
+    curve = levels[points], by_expo[first][points]
+    made = [
+        partial(_other_curve, lift=each, curve=curve, mixing=(per_thrust, by_torque), own=own)
+        for each in lifts
+    ]
+    # What an expo makes of the effectiveness of all axes comes and goes with the lift.
+    lift = np.quantile(np.concatenate([each.mean(axis=1) for each in lifts]), _OF_LIFT)
+    varies = float(np.std(slopes_at(*curve, lift)))
+    if not np.isfinite(varies):
+        return
+    column = signals.column("varying gain", made, lost=False, spread=_EXPO, weight=0.25, varies=varies)
+    if column is not None:
+        yield column
+
+
+def _other_curve(
+    torque: FloatArray,
+    lift: FloatArray,
+    curve: tuple[FloatArray, FloatArray],
+    mixing: tuple[FloatArray, FloatArray],
+    own: FloatArray,
+) -> FloatArray:
+    """Return what rotors take from a torque per unit that their expo is smaller; shape (n, 3)."""
+    per_thrust, by_torque = mixing
+    by_expo = np.interp(torque @ by_torque.T + lift, *curve)
+    return np.asarray(own * torque - by_expo @ per_thrust.T)
 
 
 def _varying(
