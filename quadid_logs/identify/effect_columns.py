@@ -11,11 +11,13 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.model import Effect
+from quadid_logs.data.torque import AssumedExpo
 from quadid_logs.identify.rotors import Rotors, beside_linear_lag, rotors_known
 from quadid_logs.identify.spectral import SpectralSolution, command_records, spectra_of
 from quadid_logs.identify.torque_errors import half_steps
 from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
 from quadid_logs.maths.band import ComplexArray
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rotations import tilt_from_rates
 from quadid_logs.maths.thrust_curve import slopes_at
 
@@ -249,9 +251,16 @@ def _by_curve(signals: FlownSignals) -> Iterator[EffectColumn]:
     varies = float(np.std(slopes_at(*curve, lift)))
     if not np.isfinite(varies):
         return
-    column = signals.column("varying gain", made, lost=False, spread=_EXPO, weight=0.25, varies=varies)
+    spread = _expo_spread(described.expo)
+    column = signals.column("varying gain", made, lost=False, spread=spread, weight=0.25, varies=varies)
     if column is not None:
         yield column
+
+
+def _expo_spread(expo: AssumedExpo) -> float:
+    """Return by how much an expo may be off, one standard deviation: less where rotors' speeds tell it."""
+    measured = expo.lag_is_measured and expo.half_width > 0.0
+    return min(_EXPO, expo.half_width / NORMAL_95) if measured else _EXPO
 
 
 def _other_curve(

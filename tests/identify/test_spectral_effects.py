@@ -14,6 +14,7 @@ import pytest
 
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.model import SpectralFit
+from quadid_logs.data.torque import AssumedExpo
 from quadid_logs.identify.effect_columns import _late
 from quadid_logs.identify.rotors import Rotors
 from quadid_logs.identify.spectral import solve_flight
@@ -61,13 +62,14 @@ def _fly(
     loss: Loss = _as_commanded,
     *,
     gusts: float = 0.6,
+    air_rad_s: float = np.pi,
     tilt_1_s2: float = 0.0,
     late_steps: int = 0,
     worth: np.ndarray | None = None,
     throttle: np.ndarray | None = None,
     spin_down: float = 1.0,
 ) -> FlightData:
-    """Fly a minute in angle mode.
+    """Fly a minute in angle mode, in air of a density of power that falls above ``air_rad_s``.
 
     ``late_steps``: the torque is logged so much later than it was given; ``worth`` (12000,): how much of it
     the rotors make, sample by sample; ``throttle``: as logged; ``spin_down``: so many times as slowly as
@@ -76,7 +78,7 @@ def _fly(
     rng, n = np.random.default_rng(seed), 12000
     worth = np.ones(n) if worth is None else worth
     steps = np.repeat(rng.uniform(-1.0, 1.0, (n // 60, 3)), 60, axis=0) * 0.15
-    keep = np.exp(-PERIOD_S * np.pi)
+    keep = np.exp(-PERIOD_S * air_rad_s)
     fresh, air = np.sqrt(1.0 - keep**2) * rng.standard_normal((n, 3)), np.zeros((n + 1, 3))
     for row in range(n):
         air[row + 1] = keep * air[row] + fresh[row]
@@ -322,3 +324,78 @@ def test_small_dead_zones_are_likelier_than_large_ones() -> None:
     )
     assert gentle.gain == pytest.approx(100.0 * vigorous.gain, rel=1e-3)
     assert gentle.by_effects > 1.2 * vigorous.by_effects
+
+
+#: Of the thrust curve T = (1 - e) u + e u^2: what the firmware takes it for, and what it is.
+_BELIEVED, _TRUE, _LIFT = 0.8, 0.4, 1.0
+
+
+def _command_of(thrust: np.ndarray) -> np.ndarray:
+    """Return the command u of the thrust that the firmware believes."""
+    linear = 1.0 - _BELIEVED
+    return (np.sqrt(linear**2 + 4.0 * _BELIEVED * np.maximum(thrust, 0.0)) - linear) / (2.0 * _BELIEVED)
+
+
+_AT_LIFT = float(_command_of(np.array(_LIFT)))
+#: Slopes of both curves by u where the vehicle hovers.
+_SLOPES = 1.0 - _BELIEVED + 2.0 * _BELIEVED * _AT_LIFT, 1.0 - _TRUE + 2.0 * _TRUE * _AT_LIFT
+
+
+def _bent(torque: np.ndarray) -> np.ndarray:
+    """Make the torque with propellers of another curve, whose thrust in hover has the same slope."""
+    command = _command_of(_LIFT + TO_THRUST @ torque)
+    thrust = (1.0 - _TRUE) * command + _TRUE * command**2
+    return PER_THRUST @ thrust * _SLOPES[0] / _SLOPES[1]
+
+
+def _with_curve(data: FlightData) -> FlightData:
+    """Return a flight whose log says which curve the firmware believes."""
+    (segment,) = data.segments
+    thrust = np.maximum(_LIFT + segment.torque @ TO_THRUST.T, 0.0)
+    command = _command_of(thrust)
+    by_expo = command**2 - command - thrust * (2.0 * _AT_LIFT - 1.0) / _SLOPES[0]
+    assert data.input is not None
+    return replace(
+        data,
+        segments=(replace(segment, rotor_thrust=thrust, thrust_by_expo=by_expo),),
+        input=replace(data.input, expo=AssumedExpo(value=_BELIEVED, parameter="MOT_THST_EXPO")),
+    )
+
+
+def test_another_thrust_curve_is_taken_for_that() -> None:
+    """Not for a dead zone of the rotors, with which the effectiveness would be another one."""
+    fits = fit_by_spectra(_with_curve(_fly(7, _bent, gusts=0.2)))
+    assert all(fits[axis].effects == ("varying gain",) and _holds(fits[axis], axis) for axis in (0, 1))
+
+
+def test_a_thrust_curve_that_is_right_shows_nothing() -> None:
+    """The firmware's expo is that of the propellers."""
+    fits = fit_by_spectra(_with_curve(_flown(0, gusts=0.2)))
+    assert not any(fits[axis].effects for axis in range(3))
+    assert all(_holds(fits[axis], axis) for axis in (0, 1))
+
+
+def test_commands_of_flight_modes_with_other_laws_are_told_apart() -> None:
+    """In the second half of the flight the torque answers a third of each command, and the other way."""
+    (segment,) = _flown(0).segments
+    assert segment.command is not None
+    law = (np.arange(segment.n_samples) >= segment.n_samples // 2).astype(np.int64)
+    command = np.where(law[:, np.newaxis] == 1, -3.0, 1.0) * segment.command
+    apart, mixed = (
+        solve_flight(replace(_flown(0), segments=(replace(segment, command=command, law=each),)))
+        for each in (law, None)
+    )
+    alone = solve_flight(_flown(0))
+    assert apart is not None
+    assert mixed is not None
+    assert alone is not None
+    assert apart.fits[0].commanded > 0.9 * alone.fits[0].commanded
+    assert mixed.fits[0].commanded < 0.5 * alone.fits[0].commanded
+    assert _holds(apart.fits[0], 0)
+
+
+def test_what_slow_air_hides_says_nothing_about_the_response() -> None:
+    """Below a hertz commands drown in air; above they tell roll and pitch."""
+    fits = solve_flight(_fly(0, gusts=20.0, air_rad_s=0.3))
+    assert fits is not None
+    assert all(fits.fits[axis].is_sound and _holds(fits.fits[axis], axis) for axis in (0, 1))

@@ -1,4 +1,4 @@
-"""A flight by stick through air as rough as flown, with its set-points in the log."""
+"""A flight by stick in angle mode, through air as rough as flown, with sticks and set-points in the log."""
 
 from __future__ import annotations
 
@@ -61,6 +61,14 @@ def test_flown_air_leaves_roll_and_pitch_a_number_that_holds_the_truth(rough: Fl
     """The torque explains 83 to 87 % of the acceleration, and 95 % and more of what was commanded."""
     assert rough.verdict(axis) in ("usable", "caution")
     assert rough.holds(axis)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_sticks_tell_roll_and_pitch_to_a_fifth(rough: Flight, axis: int) -> None:
+    """The set-points answer every gust through the attitude; the sticks answer none."""
+    told = rough.result.identification.spectral[axis]
+    assert told.used
+    assert told.is_sound
 
 
 @pytest.mark.thorough

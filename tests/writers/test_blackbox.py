@@ -120,3 +120,30 @@ def test_only_a_quad_x_flies_with_betaflight() -> None:
     """Its order of motors is known."""
     with pytest.raises(SimulationError, match="quad X"):
         simulate("octa-coax", duration_s=15.0, rate_hz=100.0, autopilot="betaflight")
+
+
+@pytest.fixture(scope="module")
+def in_angle_mode(tmp_path_factory: pytest.TempPathFactory) -> tuple[Simulation, FlightLog]:
+    """A flight whose sticks ask for angles, as it was flown and as its file is read."""
+    flown = simulate("pilot-sticks", seed=2, duration_s=12.0, rate_hz=200.0, autopilot="betaflight")
+    path = tmp_path_factory.mktemp("angle") / "flight.bbl"
+    write_log(flown.log, path)
+    return flown, read_log(path)
+
+
+def test_the_flight_mode_comes_back(in_angle_mode: tuple[Simulation, FlightLog], written: Path) -> None:
+    """Angles where a pilot asks for nothing else, rates elsewhere."""
+    assert {mode.name for mode in in_angle_mode[1].modes} == {"Angle"}
+    assert {mode.name for mode in read_log(written).modes} == {"Acro"}
+
+
+def test_sticks_that_ask_for_angles_come_back(in_angle_mode: tuple[Simulation, FlightLog]) -> None:
+    """To a tenth of the five hundred steps of half a stick."""
+    (read,), (expected,) = (log.candidates("stick") for log in (in_angle_mode[1], in_angle_mode[0].log))
+    assert np.abs(expected.values).max() > 0.1
+    np.testing.assert_allclose(read.values, expected.values, atol=0.5001 / 5000.0)
+
+
+def test_sticks_that_ask_for_rates_are_no_signal(written: Path) -> None:
+    """The set-points are what they ask for."""
+    assert not read_log(written).candidates("stick")
