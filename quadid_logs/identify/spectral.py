@@ -97,6 +97,8 @@ _TYPICAL_DEPARTURE = 0.05
 #: A departure keeps its value over this much of the logarithm of frequency: an octave.
 OCTAVE: Final = float(np.log(2.0))
 _ITERATIONS = 5
+#: An estimate and a step to either side of it along three coordinates.
+_KEPT_TORQUES = 7
 #: Ten seconds, as of every flight: of fewer blocks, how they scatter is not known.
 _FEWEST_BLOCKS = 4
 #: Signals beyond have squares that are no numbers; no unit makes a torque or a rate so small or large.
@@ -471,6 +473,10 @@ class AxisMoments:
         centre = np.log(self.centre_hz)
         self.alike = np.exp(-np.abs(centre[:, np.newaxis] - centre) / OCTAVE)
         self.corners_hz, self.corner_hz = corners_hz, corners_hz[len(corners_hz) // 2]
+        # A search comes back to the actuators that it has tried, and lead is nothing to roll and pitch.
+        self._responses: dict[SharedActuator, tuple[ComplexArray, ComplexArray]] = {}
+        self._solved: dict[SharedActuator, tuple[FloatArray, FloatArray]] = {}
+        self._acting: dict[SharedActuator, ComplexArray] = {}
 
     def take_out(self, acceleration: ComplexArray) -> None:
         """Leave an acceleration (n_blocks, n_lines) that no equation has out of what was logged."""
@@ -493,11 +499,27 @@ class AxisMoments:
 
     def response(self, actuator: SharedActuator) -> tuple[ComplexArray, ComplexArray]:
         """Return what actuator and gyro make of torque and of the torque under the window's slope."""
-        s, (lag, delay, lead) = self.s, actuator.on(self.number)
+        own = actuator.on(self.number)
+        if own not in self._responses:
+            self._responses[own] = self._response(own)
+        return self._responses[own]
+
+    def _response(self, own: SharedActuator) -> tuple[ComplexArray, ComplexArray]:
+        s, (lag, delay, lead) = self.s, own
         response = self.gyro * np.exp(-s * delay) * (1.0 + s * lead) / (1.0 + s * lag)
         # FT[w (h * u)] = H FT[w u] + j dH/domega FT[dw/dt u], and dH/domega = j dH/ds.
         slope = response * (lead / (1.0 + s * lead) - lag / (1.0 + s * lag) - delay)
         return response, -slope
+
+    def acting(self, actuator: SharedActuator) -> ComplexArray:
+        """Return the torque behind an actuator, shape (n_blocks, n_lines)."""
+        own = actuator.on(self.number)
+        if own not in self._acting:
+            if len(self._acting) == _KEPT_TORQUES:
+                del self._acting[next(iter(self._acting))]
+            response, slope = self.response(own)
+            self._acting[own] = response * self.torque + slope * self.by_slope
+        return self._acting[own]
 
     def instrument_behind(self, actuator: SharedActuator) -> None:
         """Take the torque that was commanded behind an actuator for the instrument."""
@@ -518,9 +540,7 @@ class AxisMoments:
 
     def error(self, theta: FloatArray, actuator: SharedActuator) -> ComplexArray:
         """Return what an equation leaves of the acceleration, shape (n_blocks, n_lines)."""
-        response, slope = self.response(actuator)
-        of_torque = response * self.torque + slope * self.by_slope
-        left = self.acceleration - theta[0] * of_torque - _weighted(theta[1:], self.regressors)
+        left = self.acceleration - theta[0] * self.acting(actuator) - _weighted(theta[1:], self.regressors)
         return np.asarray(left, dtype=np.complex128)
 
     def _by_torque(self, theta: FloatArray) -> ComplexArray:
@@ -594,6 +614,7 @@ class AxisMoments:
 
     def prepare(self) -> None:
         """Whiten what does not change with the actuator."""
+        self._solved = {}
         self._targets = np.concatenate([self.white(self.of_acceleration), self.prior / self.spread])
         self._columns = np.column_stack([self.white(each) for each in self.of_regressors])
         self._priors = np.column_stack([np.zeros(len(self.spread)), np.diag(1.0 / self.spread)])
@@ -605,9 +626,12 @@ class AxisMoments:
 
     def solved(self, actuator: SharedActuator) -> tuple[FloatArray, FloatArray]:
         """Return [B, A, c, o, o, a..] and what they leave of the whitened system."""
-        columns, targets = self.system(actuator)
-        theta = np.linalg.lstsq(columns, targets, rcond=None)[0]
-        return np.asarray(theta, dtype=np.float64), targets - columns @ theta
+        own = actuator.on(self.number)
+        if own not in self._solved:
+            columns, targets = self.system(own)
+            theta = np.asarray(np.linalg.lstsq(columns, targets, rcond=None)[0], dtype=np.float64)
+            self._solved[own] = theta, targets - columns @ theta
+        return self._solved[own]
 
 
 def _weighted(weights: FloatArray, columns: Sequence[ComplexArray]) -> ComplexArray:

@@ -381,8 +381,7 @@ class _Equations:
             return axis.summed((weight * lines).sum(axis=0))
 
         def of_torque(actuator: SharedActuator) -> ComplexArray:
-            response, slope = axis.response(actuator)
-            return moments(response * axis.torque + slope * axis.by_slope)
+            return moments(axis.acting(actuator))
 
         size = theta[0] * np.abs(of_torque(self.actuator))
         variance = 0.5 * moment_noise(axis, instrument, self.error[place]) + axis.variance * size**2
