@@ -97,8 +97,8 @@ _TYPICAL_DEPARTURE = 0.05
 #: A departure keeps its value over this much of the logarithm of frequency: an octave.
 OCTAVE: Final = float(np.log(2.0))
 _ITERATIONS = 5
-#: An estimate and a step to either side of it along three coordinates.
-_KEPT_TORQUES = 7
+#: Of derivatives, in standard deviations of what vehicles have.
+_STEP = 1e-4
 #: Ten seconds, as of every flight: of fewer blocks, how they scatter is not known.
 _FEWEST_BLOCKS = 4
 #: Signals beyond have squares that are no numbers; no unit makes a torque or a rate so small or large.
@@ -476,7 +476,6 @@ class AxisMoments:
         # A search comes back to the actuators that it has tried, and lead is nothing to roll and pitch.
         self._responses: dict[SharedActuator, tuple[ComplexArray, ComplexArray]] = {}
         self._solved: dict[SharedActuator, tuple[FloatArray, FloatArray]] = {}
-        self._acting: dict[SharedActuator, ComplexArray] = {}
 
     def take_out(self, acceleration: ComplexArray) -> None:
         """Leave an acceleration (n_blocks, n_lines) that no equation has out of what was logged."""
@@ -513,13 +512,8 @@ class AxisMoments:
 
     def acting(self, actuator: SharedActuator) -> ComplexArray:
         """Return the torque behind an actuator, shape (n_blocks, n_lines)."""
-        own = actuator.on(self.number)
-        if own not in self._acting:
-            if len(self._acting) == _KEPT_TORQUES:
-                del self._acting[next(iter(self._acting))]
-            response, slope = self.response(own)
-            self._acting[own] = response * self.torque + slope * self.by_slope
-        return self._acting[own]
+        response, slope = self.response(actuator)
+        return np.asarray(response * self.torque + slope * self.by_slope)
 
     def instrument_behind(self, actuator: SharedActuator) -> None:
         """Take the torque that was commanded behind an actuator for the instrument."""
@@ -861,13 +855,40 @@ def by_coordinates(function: Callable[[SharedActuator], FloatArray], actuator: S
     -------
     ndarray, shape (n, 3)
     """
-    place, step = actuator.coordinates, 1e-4
+    return slopes_of([function(each) for each in around(actuator)])
 
-    def slope(along: FloatArray) -> FloatArray:
-        ahead, behind = (function(SharedActuator.at(place + sign * step * along)) for sign in (1, -1))
-        return (ahead - behind) / (2.0 * step)
 
-    return np.column_stack([slope(along) for along in np.eye(place.size)])
+def around(actuator: SharedActuator) -> list[SharedActuator]:
+    """Return an actuator a small step ahead and behind along each coordinate, for `slopes_of`.
+
+    Parameters
+    ----------
+    actuator : SharedActuator
+
+    Returns
+    -------
+    list of SharedActuator
+        Six.
+    """
+    place = actuator.coordinates
+    steps = (sign * _STEP * along for along in np.eye(place.size) for sign in (1, -1))
+    return [SharedActuator.at(place + step) for step in steps]
+
+
+def slopes_of(values: Sequence[FloatArray]) -> FloatArray:
+    """Return the derivatives of what was worked out `around` an actuator, in columns.
+
+    Parameters
+    ----------
+    values : sequence of ndarray, each of shape (n,)
+        Six.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+    """
+    pairs = zip(values[::2], values[1::2], strict=True)
+    return np.column_stack([(ahead - behind) / (2.0 * _STEP) for ahead, behind in pairs])
 
 
 def _coarsely(axes: Sequence[AxisMoments]) -> SharedActuator:
