@@ -125,6 +125,8 @@ def has_corpus() -> bool:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Refuse to run where a corpus was named and is not there: its tests would only seem to pass."""
+    # Nothing that is collected is garbage; to look for some takes each process a second.
+    gc.disable()
     # Several processes take the files as they are sorted here, not by their number of tests.
     config.option.loadscopereorder = False
     if "QUADID_LOG_CORPUS" in os.environ and not has_corpus():
@@ -301,6 +303,6 @@ def pytest_collection_finish() -> None:
 
     Look for garbage a seventh as often, too: simulated flights make millions of tuples, and no cycles.
     """
-    gc.collect()
     gc.freeze()
     gc.set_threshold(5_000)
+    gc.enable()

@@ -116,11 +116,13 @@ def code_key(*modules: str, root: Path = ROOT) -> str:
 def modules_behind(*modules: str, root: Path = ROOT) -> dict[str, Path]:
     """Return the files of modules and of what they import of the package, at any depth, by module."""
     found: dict[str, Path] = {}
-    left = list(modules)
+    left, seen = list(modules), set[str]()
     while left:
         name = left.pop()
-        path = None if name in found else _file_of(name, root)
-        if path is None:
+        if name in seen:
+            continue
+        seen.add(name)
+        if (path := _file_of(name, root)) is None:
             continue
         found[name] = path
         left += [name.rpartition(".")[0], *_imports_of(path.read_bytes())]
@@ -151,5 +153,8 @@ def _imports(node: ast.AST) -> Iterator[str]:
         assert node.level == 0, "the package imports by full names"
         yield str(node.module)
         yield from (f"{node.module}.{each.name}" for each in node.names)
-    for child in ast.iter_child_nodes(node):
-        yield from _imports(child)
+    # Statements lie in these alone, and no expression holds an import.
+    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+        inside = getattr(node, part, ())
+        for child in inside if isinstance(inside, list) else ():
+            yield from _imports(child)

@@ -39,6 +39,8 @@ _ABOVE_FITTED: Final = 1.5
 _PRESENT: Final = 0.25
 _SIZES: Final = tuple(np.geomspace(0.05, 1.5, 13).tolist())
 _GAINS: Final = (*_SIZES, *(-size for size in _SIZES))
+#: Powers of the gains, (n_gains, 3).
+_OF_GAIN: Final = np.array(_GAINS)[:, np.newaxis] ** np.arange(3)
 _DAMPINGS: Final = tuple(np.geomspace(0.01, 0.05, 4).tolist())
 #: Modes are looked for by third octaves, in each alone: a line elsewhere rules out none.
 _BAND_OCTAVES: Final = 1.0 / 3.0
@@ -386,7 +388,7 @@ class _Halves:
         self._y = y
         centred = y - np.mean(y) if y.size else y
         # Sums from the first one on: those of any part are differences.
-        self._sums = np.cumsum([np.append(0.0, each) for each in (x, centred, centred**2)], axis=1)
+        self._sums = np.cumsum([np.append(0.0, each) for each in (x, centred, centred**2)], axis=1).tolist()
 
     def slope(self, first: int, last: int) -> float:
         """Return the slope of a part, less by what chance makes of none.
@@ -402,7 +404,7 @@ class _Halves:
     def _half(self, first: int, last: int) -> tuple[float, float, float]:
         """Return the mean of x, the median of y and its variance by chance."""
         n = last - first
-        x, y, square = ((self._sums[:, last] - self._sums[:, first]) / n).tolist()
+        x, y, square = ((each[last] - each[first]) / n for each in self._sums)
         # A median's variance is pi / 2 times that of a mean.
         return x, _median(self._y[first:last]), 0.5 * np.pi * max(square - y**2, 0.0) / n
 
@@ -410,7 +412,8 @@ class _Halves:
 def _median(values: FloatArray) -> float:
     """Return the median: `numpy.median` takes ten times as long, and thousands are needed."""
     n, middle = values.size, values.size // 2
-    ordered = np.partition(values, middle)
+    ordered = values.copy()
+    ordered.partition(middle)
     high = float(ordered[middle])
     return high if n % 2 else 0.5 * (high + float(ordered[:middle].max()))
 
@@ -430,14 +433,13 @@ def _log_likelihood(
     if noise is None:
         return np.asarray(found.reshape(wanted.natural_hz.size, -1), dtype=np.float64)
     fine_hz = _fine(noise)
-    loop, taper = rate_loop(controller, estimate, fine_hz)[0], _taper(noise.relative.size)
+    loop, taper = rate_loop(controller, estimate, fine_hz)[0], _taper()
     for place, natural_hz in enumerate(wanted.natural_hz.tolist()):
         first, last = np.searchsorted(noise.frequency_hz, (natural_hz / _NEAR, natural_hz * _NEAR)).tolist()
         if last - first < _FEWEST_LINES or natural_hz > noise.frequency_hz[-1]:
             continue
         part = slice(first * _FINE, (last + 4) * _FINE)
-        around = taper[: (last - first + 4) * _FINE, : last - first]
-        found[place] = _explained(fine_hz[part] / natural_hz, loop[part], around, noise, slice(first, last))
+        found[place] = _explained(fine_hz[part] / natural_hz, loop[part], taper, noise, slice(first, last))
     used = (noise.frequency_hz >= wanted.natural_hz[0]) & (noise.n_independent > 0.0)
     deviance = (
         2.0 * float(np.sum((noise.n_independent * _deviance(_over_none(noise)))[used])) - 2.0 * found.max()
@@ -467,22 +469,20 @@ def _explained(
 
     ``x`` is the frequency over theirs. With M = 1 + gain h, |1 + L M|^2 and |M|^2 are polynomials of gain.
     """
-    of_gain = np.array(_GAINS)[:, np.newaxis] ** np.arange(3)
     h = x**2 / (1.0 - x**2 + 2j * np.array(_DAMPINGS)[:, np.newaxis] * x)
     closes, mode = (
-        of_gain
+        _OF_GAIN
         @ np.stack([np.broadcast_to(abs(a) ** 2, h.shape), 2.0 * (np.conj(a) * b).real, abs(b) ** 2], 1)
         for a, b in ((1.0 + loop, loop * h), (np.ones(x.shape), h))
     )
     through = np.abs(1.0 + loop) ** 2 / np.maximum(closes, np.finfo(float).tiny)
-    by_noise, by_air = ((each @ taper).reshape(-1, taper.shape[1]) for each in (through, through * mode))
-    seen, left, gained = noise.relative[lines], noise.left[lines], []
+    by_noise, by_air = (_tapered(each.reshape(-1, x.size), taper) for each in (through, through * mode))
+    seen, left = noise.relative[lines], noise.left[lines]
+    air = np.array(_OF_AIR)[:, np.newaxis, np.newaxis]
+    expected = np.maximum(1.0 - air, 0.0) * by_noise + air * by_air
     without = _deviance(seen / _with_left(1.0, seen, left))
-    for air in _OF_AIR:
-        expected = max(1.0 - air, 0.0) * by_noise + air * by_air
-        better = without - _deviance(seen / _with_left(expected, seen, left))
-        gained.append(better @ noise.n_independent[lines])
-    return np.array(gained)
+    better = without - _deviance(seen / _with_left(expected, seen, left))
+    return np.asarray(better @ noise.n_independent[lines], dtype=np.float64)
 
 
 def _fine(noise: _Noise) -> FloatArray:
@@ -492,19 +492,24 @@ def _fine(noise: _Noise) -> FloatArray:
     return np.asarray(np.maximum(noise.frequency_hz[0] + step_hz * offset, 0.1), dtype=np.float64)
 
 
-def _taper(n_lines: int) -> FloatArray:
-    """Return what the lines of a tapered window (Hann) hold of a fine spectrum that begins two lines before.
+def _taper() -> FloatArray:
+    """Return what a line of a tapered window (Hann) holds of a fine spectrum that begins two lines before.
 
-    Shape ((n_lines + 4) * _FINE, n_lines).
+    Shape (_FINE, n_parts): point by point, in parts of a line's width.
     """
     offset = np.arange(1 - 2 * _FINE, 2 * _FINE) / _FINE
     # The taper's transform is sinc x / (1 - x^2), one half at the neighbouring lines.
     beside = np.abs(offset) == 1.0
     weight = np.where(beside, 0.25, (np.sinc(offset) / np.where(beside, 1.0, 1.0 - offset**2)) ** 2)
-    found = np.zeros(((n_lines + 4) * _FINE, n_lines))
-    for place, each in enumerate((weight / weight.sum()).tolist(), start=1):
-        found[np.arange(n_lines) * _FINE + place, np.arange(n_lines)] = each
-    return found
+    return np.append(0.0, weight / weight.sum()).reshape(-1, _FINE).T
+
+
+def _tapered(fine: FloatArray, taper: FloatArray) -> FloatArray:
+    """Return the lines of fine spectra (n_spectra, (n_lines + n_parts) * _FINE), (n_spectra, n_lines)."""
+    n_parts = taper.shape[1]
+    parts = fine.reshape(len(fine), -1, _FINE) @ taper
+    n_lines = parts.shape[1] - n_parts
+    return np.asarray(sum(parts[:, part : part + n_lines, part] for part in range(n_parts)))
 
 
 def _bands(natural_hz: FloatArray, gained: FloatArray) -> list[IntArray]:

@@ -97,6 +97,8 @@ _TYPICAL_DEPARTURE = 0.05
 #: A departure keeps its value over this much of the logarithm of frequency: an octave.
 OCTAVE: Final = float(np.log(2.0))
 _ITERATIONS = 5
+#: Of derivatives, in standard deviations of what vehicles have.
+_STEP = 1e-4
 #: Ten seconds, as of every flight: of fewer blocks, how they scatter is not known.
 _FEWEST_BLOCKS = 4
 #: Signals beyond have squares that are no numbers; no unit makes a torque or a rate so small or large.
@@ -471,6 +473,9 @@ class AxisMoments:
         centre = np.log(self.centre_hz)
         self.alike = np.exp(-np.abs(centre[:, np.newaxis] - centre) / OCTAVE)
         self.corners_hz, self.corner_hz = corners_hz, corners_hz[len(corners_hz) // 2]
+        # A search comes back to the actuators that it has tried, and lead is nothing to roll and pitch.
+        self._responses: dict[SharedActuator, tuple[ComplexArray, ComplexArray]] = {}
+        self._solved: dict[SharedActuator, tuple[FloatArray, FloatArray]] = {}
 
     def take_out(self, acceleration: ComplexArray) -> None:
         """Leave an acceleration (n_blocks, n_lines) that no equation has out of what was logged."""
@@ -493,11 +498,22 @@ class AxisMoments:
 
     def response(self, actuator: SharedActuator) -> tuple[ComplexArray, ComplexArray]:
         """Return what actuator and gyro make of torque and of the torque under the window's slope."""
-        s, (lag, delay, lead) = self.s, actuator.on(self.number)
+        own = actuator.on(self.number)
+        if own not in self._responses:
+            self._responses[own] = self._response(own)
+        return self._responses[own]
+
+    def _response(self, own: SharedActuator) -> tuple[ComplexArray, ComplexArray]:
+        s, (lag, delay, lead) = self.s, own
         response = self.gyro * np.exp(-s * delay) * (1.0 + s * lead) / (1.0 + s * lag)
         # FT[w (h * u)] = H FT[w u] + j dH/domega FT[dw/dt u], and dH/domega = j dH/ds.
         slope = response * (lead / (1.0 + s * lead) - lag / (1.0 + s * lag) - delay)
         return response, -slope
+
+    def acting(self, actuator: SharedActuator) -> ComplexArray:
+        """Return the torque behind an actuator, shape (n_blocks, n_lines)."""
+        response, slope = self.response(actuator)
+        return np.asarray(response * self.torque + slope * self.by_slope)
 
     def instrument_behind(self, actuator: SharedActuator) -> None:
         """Take the torque that was commanded behind an actuator for the instrument."""
@@ -518,9 +534,7 @@ class AxisMoments:
 
     def error(self, theta: FloatArray, actuator: SharedActuator) -> ComplexArray:
         """Return what an equation leaves of the acceleration, shape (n_blocks, n_lines)."""
-        response, slope = self.response(actuator)
-        of_torque = response * self.torque + slope * self.by_slope
-        left = self.acceleration - theta[0] * of_torque - _weighted(theta[1:], self.regressors)
+        left = self.acceleration - theta[0] * self.acting(actuator) - _weighted(theta[1:], self.regressors)
         return np.asarray(left, dtype=np.complex128)
 
     def _by_torque(self, theta: FloatArray) -> ComplexArray:
@@ -594,6 +608,7 @@ class AxisMoments:
 
     def prepare(self) -> None:
         """Whiten what does not change with the actuator."""
+        self._solved = {}
         self._targets = np.concatenate([self.white(self.of_acceleration), self.prior / self.spread])
         self._columns = np.column_stack([self.white(each) for each in self.of_regressors])
         self._priors = np.column_stack([np.zeros(len(self.spread)), np.diag(1.0 / self.spread)])
@@ -605,9 +620,12 @@ class AxisMoments:
 
     def solved(self, actuator: SharedActuator) -> tuple[FloatArray, FloatArray]:
         """Return [B, A, c, o, o, a..] and what they leave of the whitened system."""
-        columns, targets = self.system(actuator)
-        theta = np.linalg.lstsq(columns, targets, rcond=None)[0]
-        return np.asarray(theta, dtype=np.float64), targets - columns @ theta
+        own = actuator.on(self.number)
+        if own not in self._solved:
+            columns, targets = self.system(own)
+            theta = np.asarray(np.linalg.lstsq(columns, targets, rcond=None)[0], dtype=np.float64)
+            self._solved[own] = theta, targets - columns @ theta
+        return self._solved[own]
 
 
 def _weighted(weights: FloatArray, columns: Sequence[ComplexArray]) -> ComplexArray:
@@ -837,13 +855,40 @@ def by_coordinates(function: Callable[[SharedActuator], FloatArray], actuator: S
     -------
     ndarray, shape (n, 3)
     """
-    place, step = actuator.coordinates, 1e-4
+    return slopes_of([function(each) for each in around(actuator)])
 
-    def slope(along: FloatArray) -> FloatArray:
-        ahead, behind = (function(SharedActuator.at(place + sign * step * along)) for sign in (1, -1))
-        return (ahead - behind) / (2.0 * step)
 
-    return np.column_stack([slope(along) for along in np.eye(place.size)])
+def around(actuator: SharedActuator) -> list[SharedActuator]:
+    """Return an actuator a small step ahead and behind along each coordinate, for `slopes_of`.
+
+    Parameters
+    ----------
+    actuator : SharedActuator
+
+    Returns
+    -------
+    list of SharedActuator
+        Six.
+    """
+    place = actuator.coordinates
+    steps = (sign * _STEP * along for along in np.eye(place.size) for sign in (1, -1))
+    return [SharedActuator.at(place + step) for step in steps]
+
+
+def slopes_of(values: Sequence[FloatArray]) -> FloatArray:
+    """Return the derivatives of what was worked out `around` an actuator, in columns.
+
+    Parameters
+    ----------
+    values : sequence of ndarray, each of shape (n,)
+        Six.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+    """
+    pairs = zip(values[::2], values[1::2], strict=True)
+    return np.column_stack([(ahead - behind) / (2.0 * _STEP) for ahead, behind in pairs])
 
 
 def _coarsely(axes: Sequence[AxisMoments]) -> SharedActuator:

@@ -29,13 +29,14 @@ from quadid_logs.identify.effect_columns import (
 )
 from quadid_logs.identify.spectral import (
     AxisMoments,
-    SharedActuator,
     SpectralSolution,
+    around,
     by_coordinates,
     few_blocks,
     fit_axes,
     moment_noise,
     shared,
+    slopes_of,
     solve_flight,
     spread_and_half_width,
 )
@@ -57,6 +58,8 @@ _FORM = 0.5
 _SHOWN = 0.95
 #: More than three effects at once are not told from each other.
 _MOST_TOGETHER = 3
+#: Actuators `around` one.
+_N_AROUND = 6
 _AXES: Final = 3
 _TINY = float(np.finfo(np.float64).tiny)
 
@@ -188,6 +191,32 @@ class _Moments(NamedTuple):
     right: FloatArray
 
 
+class _Own(NamedTuple):
+    """Equations of an effect's own instrument, in standard deviations, without the columns of effects.
+
+    ``weight`` (n_blocks, n_lines) and ``scale`` (n_bands,) make a moment of an acceleration, ``slopes`` are
+    columns by the actuator, ``known`` those of torque and motion, ``left`` is what is left.
+    """
+
+    weight: ComplexArray
+    scale: FloatArray
+    slopes: FloatArray
+    known: Sequence[FloatArray]
+    left: FloatArray
+
+    def white(self, moments: ComplexArray) -> FloatArray:
+        """Return moments (..., n_bands) in standard deviations, (..., 2 n_bands)."""
+        return np.concatenate([self.scale * moments.real, self.scale * moments.imag], axis=-1)
+
+
+class _Shown(NamedTuple):
+    """Accelerations of an axis' effects, all instruments, and the equations of the effects' own ones."""
+
+    effects: Sequence[ComplexArray]
+    instruments: Sequence[ComplexArray]
+    own: Sequence[_Own]
+
+
 def _add(normal: FloatArray, right: FloatArray, of_axis: _Moments, sign: float) -> None:
     """Add the equations of an axis to those of all, or take them away."""
     normal[np.ix_(of_axis.where, of_axis.where)] += sign * of_axis.normal
@@ -214,6 +243,8 @@ class _Equations:
         self.n_known = _AXES + sum(theta.size for theta in self.theta)
         self.known = [self._known(place) for place in range(len(self.axes))]
         self._by_shown: dict[int, _Moments] = {}
+        self._lines: dict[int, ComplexArray] = {}
+        self._of_shown: dict[int, _Shown] = {}
         self.base = self._normal(shown)
 
     def _known(self, place: int) -> FloatArray:
@@ -332,31 +363,45 @@ class _Equations:
         axis = self.axes[place].number
         own = [number for number, column in enumerate(columns) if axis in column.axes]
         where = np.concatenate([self.own(place), [self.n_known + number for number in own]]).astype(int)
-        rows, left = self._rows(place, [columns[number] for number in own])
+        n_shown = sum(axis in column.axes for column in self.shown)
+        rows, left = self._rows(place, [columns[number] for number in own], n_shown)
         return _Moments(where, rows.T @ rows, rows.T @ left)
 
-    def _rows(self, place: int, columns: Sequence[EffectColumn]) -> tuple[FloatArray, FloatArray]:
-        """Return the equations of an axis with effects, and what is left of them.
+    def _rows(
+        self, place: int, columns: Sequence[EffectColumn], n_shown: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the equations of an axis with effects, first those it shows, and what is left of them.
 
         In the moments of the commanded torque the columns of effects are new; their own instruments add
         moments of everything.
         """
         axis, known = self.axes[place], self.known[place]
-        effects = [self._acting(place, column) for column in columns]
-        of_effects = np.zeros((len(known), len(effects)))
-        for number, effect in enumerate(effects):
+        # What is shown is the same beside every effect that is tried.
+        if place not in self._of_shown:
+            none = _Shown((), (axis.instrument,), ())
+            self._of_shown[place] = self._with_own(place, columns[:n_shown], none)
+        found = self._with_own(place, columns[n_shown:], self._of_shown[place])
+        of_effects = np.zeros((len(known), len(columns)))
+        for number, effect in enumerate(found.effects):
             white = axis.white(axis.summed((axis.instrument.conj() * effect).sum(axis=0)))
             of_effects[: white.size, number] = white
         rows, left = [np.column_stack([known, of_effects])], [self.left[place]]
-        instruments = [axis.instrument]
+        for own in found.own:
+            moments = [axis.summed((own.weight * effect).sum(axis=0)) for effect in found.effects]
+            rows.append(np.column_stack([own.slopes, *own.known, *(own.white(each) for each in moments)]))
+            left.append(own.left)
+        return np.vstack(rows), np.concatenate(left)
+
+    def _with_own(self, place: int, columns: Sequence[EffectColumn], before: _Shown) -> _Shown:
+        """Return the accelerations of more effects, and equations of their own instruments."""
+        axis, instruments, own = self.axes[place], [*before.instruments], [*before.own]
         for column in columns:
             if column.told is not None:
                 told = column.told[:, :, axis.number] * axis.response(self.actuator._replace(lead_s=0.0))[0]
                 instruments.append(_without(axis, told, instruments))
-                more, rest = self._own_moments(place, instruments[-1], effects)
-                rows.append(more)
-                left.append(rest)
-        return np.vstack(rows), np.concatenate(left)
+                own.append(self._own_moments(place, instruments[-1]))
+        effects = [*before.effects, *(self._acting(place, column) for column in columns)]
+        return _Shown(effects, instruments, own)
 
     def _acting(self, place: int, column: EffectColumn) -> ComplexArray:
         """Return the acceleration that one unit of an effect makes of an axis, shape (n_blocks, n_lines).
@@ -371,31 +416,20 @@ class _Equations:
         unit = float(self.theta[place][0]) if len(column.axes) > 1 else 1.0
         return np.asarray(-unit * (response * values + slope * by_slope))
 
-    def _own_moments(
-        self, place: int, instrument: ComplexArray, effects: Sequence[ComplexArray]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the moments of an effect's own instrument, in standard deviations."""
+    def _own_moments(self, place: int, instrument: ComplexArray) -> _Own:
+        """Return the equations of an effect's own instrument without those of effects."""
         axis, theta, weight = self.axes[place], self.theta[place], instrument.conj()
-
-        def moments(lines: ComplexArray) -> ComplexArray:
-            return axis.summed((weight * lines).sum(axis=0))
-
-        def of_torque(actuator: SharedActuator) -> ComplexArray:
-            response, slope = axis.response(actuator)
-            return moments(response * axis.torque + slope * axis.by_slope)
-
-        size = theta[0] * np.abs(of_torque(self.actuator))
+        if place not in self._lines:
+            torques = [axis.acting(each) for each in (*around(self.actuator), self.actuator)]
+            self._lines[place] = np.stack([*torques, *axis.regressors, self.error[place]])
+        moments = axis.summed((weight * self._lines[place]).sum(axis=1))
+        size = theta[0] * np.abs(moments[_N_AROUND])
         variance = 0.5 * moment_noise(axis, instrument, self.error[place]) + axis.variance * size**2
         scale = 1.0 / np.sqrt(np.maximum(variance, 1e-12 * max(float(variance.max(initial=0.0)), _TINY)))
-
-        def white(lines: ComplexArray) -> FloatArray:
-            return np.concatenate([scale * lines.real, scale * lines.imag])
-
-        slopes = theta[0] * by_coordinates(lambda actuator: white(of_torque(actuator)), self.actuator)
-        linear = [white(moments(each)) for each in axis.regressors]
-        of_effects = [white(moments(each)) for each in effects]
-        rows = np.column_stack([slopes, white(of_torque(self.actuator)), *linear, *of_effects])
-        return rows, white(moments(self.error[place]))
+        own = _Own(weight, scale, np.zeros((0, _AXES)), (), np.zeros(0))
+        white = own.white(moments)
+        slopes = theta[0] * slopes_of([*white[:_N_AROUND]])
+        return own._replace(slopes=slopes, known=[*white[_N_AROUND:-1]], left=white[-1])
 
 
 def _positive(mean: float, variance: float) -> tuple[float, float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -50,17 +51,16 @@ def turning(
     """Return time (n,), body rates (n, 3) and the Euler angles (n, 3) that they lead to."""
     time_s = np.arange(0.0, duration_s, 1.0 / RATE_HZ)
 
-    def derivative(q: np.ndarray, t: float) -> np.ndarray:
-        return np.array(quaternion_rate(tuple(q), tuple(rate_at(np.array(t)))))
-
-    quaternion, step = np.empty((time_s.size, 4)), 1.0 / RATE_HZ
-    q = np.array([1.0, 0.0, 0.0, 0.0])
-    for k, t in enumerate(time_s):
-        quaternion[k] = q
-        middle = q + 0.5 * step * derivative(q, t)
-        q = q + step * derivative(middle, t + 0.5 * step)
-        q /= np.linalg.norm(q)
-    return time_s, rate_at(time_s), euler_from_quaternion(quaternion)
+    # In plain floats: the file is read by every test process.
+    step, rate = 1.0 / RATE_HZ, rate_at(time_s)
+    quaternion, q = [], (1.0, 0.0, 0.0, 0.0)
+    for now, midway in zip(rate.tolist(), rate_at(time_s + 0.5 * step).tolist(), strict=True):
+        quaternion.append(q)
+        middle = [of + 0.5 * step * by for of, by in zip(q, quaternion_rate(q, now), strict=True)]
+        after = [of + step * by for of, by in zip(q, quaternion_rate(middle, midway), strict=True)]
+        length = math.hypot(*after)
+        q = tuple(each / length for each in after)
+    return time_s, rate, euler_from_quaternion(np.array(quaternion))
 
 
 TIME_S, RATE, EULER = turning()

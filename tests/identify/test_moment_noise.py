@@ -53,3 +53,22 @@ def test_a_motion_at_one_frequency_makes_noise_at_all() -> None:
     motion = np.sum(np.abs(axis.acceleration) ** 2)
     of_instrument = axis.power(axis.instrument).sum(axis=0)
     assert np.all(axis.noise > (0.01**2 / 8.0) * motion * of_instrument)
+
+
+def test_what_was_solved_is_solved_anew_under_other_weights() -> None:
+    """An estimate weighs its moments by the noise of the one before."""
+    rng = np.random.default_rng(0)
+    values = rng.standard_normal((N_BLOCKS, N_LINES, 15)) + 1j * rng.standard_normal((N_BLOCKS, N_LINES, 15))
+    told = values[:, :, ROLL_TORQUE]
+    asked_twice, asked_once = _axis(values, told), _axis(values, told)
+    first, then = SharedActuator(0.03, 0.0, 0.0), SharedActuator(0.05, 0.01, 0.0)
+    for axis in (asked_twice, asked_once):
+        axis.instrument_behind(first)
+        axis.weigh(None, first)
+        axis.prepare()
+    before = asked_twice.solved(then)[0]
+    for axis in (asked_twice, asked_once):
+        axis.instrument_behind(then)
+        axis.weigh(before, then)
+        axis.prepare()
+    np.testing.assert_array_equal(asked_twice.solved(then)[0], asked_once.solved(then)[0])
