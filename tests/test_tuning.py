@@ -607,6 +607,15 @@ def test_a_step_that_does_not_reach_the_limits_says_so_and_how_many_flights_are_
     assert content["direction"] == "raise"
 
 
+def test_as_many_flights_as_are_told_to_be_missing_lead_to_the_limits() -> None:
+    """Each doubles gains that are a tenth of those that the vehicle bears; the next ones are a fifth."""
+    missing = together(detuned(0.1)).axes["roll"].flights_to_limits
+    before, after = (detuned(min(0.2 * 2.0**n, 1.0)).closed_loop for n in (missing - 2, missing))
+    assert before is not None
+    assert after is not None
+    assert spare(before.margins["roll"], GOOD) < 1.0 <= spare(after.margins["roll"], GOOD)
+
+
 def test_gains_that_come_nearer_to_the_limits_and_end_below_them_promise_no_arrival() -> None:
     """No number of flights leads where one factor does not."""
     result = detuned(0.2)
