@@ -555,7 +555,9 @@ def test_page_and_json_tell_where_autotune_would_end(raised: Tuning) -> None:
     """Whether to fly it at all: gains and margins as intervals."""
     result = flown("ardupilot")
     told = autotune_forecasts(result, raised)
-    assert "AutoTune would end at ATC_RAT_RLL_P 0." in tune_page(result, raised, NOWHERE, told)
+    page = tune_page(result, raised, NOWHERE, told)
+    assert "AutoTune would end at ATC_RAT_RLL_P 0." in page
+    assert "QuikTune would end at ATC_RAT_RLL_P 0." in page
     found = json.loads(tuning_text(result, raised, NOWHERE, (), told))["axes"]["roll"]["autotune"]
     low, high = found["gains"][ROLL[0]]
     assert 0.01 < low <= high < 2.0

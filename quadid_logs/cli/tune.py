@@ -193,7 +193,7 @@ def _write(
     tuning: Tuning,
     provenance: Provenance,
     folder: Path,
-    forecasts: Mapping[str, AutotuneForecast],
+    forecasts: Mapping[str, tuple[AutotuneForecast, ...]],
     grids: Mapping[str, WhatIf],
 ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """Write page, JSON and parameter files; return the JSON, what was written, and what was removed."""
