@@ -169,8 +169,9 @@ def anti_windup_sum(
     first : float
         The sum at the first sample.
     told : ndarray, shape (n,), optional
-        The sum as another tells it. Where that is on the other side of zero, it says which way is away from
-        zero: by a rounding alone a whole increment would be taken or left out, and that for good.
+        The sum as another tells it. Where that is on the other side of zero, and nearer than an increment, it
+        says which way is away from zero: by a rounding alone a whole increment would be taken or left out,
+        and that for good.
 
     Returns
     -------
@@ -184,7 +185,8 @@ def anti_windup_sum(
     for step, stopped, side in zip(
         increments[1:].tolist(), limited[1:].tolist(), sides[:-1].tolist(), strict=True
     ):
-        if not (stopped and (side if total * side < 0.0 else total) * step > 0.0):
+        rounded = total * side < 0.0 and abs(total - side) < abs(step)
+        if not (stopped and (side if rounded else total) * step > 0.0):
             total += step
             # Not by min and max, which take as long as all else.
             if total > bound:
