@@ -162,9 +162,10 @@ def flies(**gains: float) -> bool:
     return bool(is_stable(loop, 2, np.array([False]))[0])
 
 
-def test_doubling_ends_at_two_fifths_of_the_p_that_oscillates() -> None:
+@pytest.mark.parametrize("ratio", [1.0, 20.0])
+def test_doubling_ends_at_two_fifths_of_the_p_that_oscillates(ratio: float) -> None:
     """With the I that rises with it."""
-    end = doubled()
+    end = doubled(DOUBLED._replace(integral_ratio=ratio))
     assert flies(P=2.4 * end["P"], I=2.4 * end["I"], D=end["D"])
     assert not flies(P=2.6 * end["P"], I=2.6 * end["I"], D=end["D"])
 

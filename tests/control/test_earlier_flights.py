@@ -191,7 +191,9 @@ def test_an_axis_whose_controller_did_not_replay_is_not_left_to_earlier_flights(
     assert now.closed_loop is not None
     other = AxisLoop(replay=Replay(relative_rms={}, agrees=False))
     now = replace(now, closed_loop=replace(now.closed_loop, axes={**now.closed_loop.axes, "roll": other}))
-    assert "QL612" in reasons(with_earlier(now, [calmer(flown("ardupilot"))]))
+    found = with_earlier(now, [calmer(flown("ardupilot"))])
+    assert "roll" not in found.earlier[0].axes
+    assert "QL612" in reasons(found)
 
 
 def test_what_little_a_flight_tells_may_contradict_earlier_ones() -> None:
