@@ -7,11 +7,17 @@ from dataclasses import replace
 from pathlib import PurePath
 
 from quadid_logs.align.pool import copies
+from quadid_logs.control.command_units import per_command
+from quadid_logs.control.earlier_flights import Joined, by_earlier
 from quadid_logs.control.earlier_flights import with_earlier as joined
-from quadid_logs.data.closed_loop import AxisLoop
+from quadid_logs.control.guard import crosses_where_known, tells_too_little
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop
+from quadid_logs.data.controller import AxisController
 from quadid_logs.data.result import EarlierFlight, Result
 from quadid_logs.errors import SettingsError
+from quadid_logs.identify.select import most_excited
 from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import AXES
 
 
 def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
@@ -25,8 +31,10 @@ def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
     result : Result
         Of the flight with the gains that are set now.
     earlier : sequence of Result
-        Of the same vehicle, whatever its gains were. A log that holds the flights of another adds nothing. An
-        axis that differs from any of them by more than chance stays as it is, and is not tuned (QL626).
+        Of the same vehicle, the last one last, whatever its gains were. A log that holds the flights of
+        another adds nothing. An axis that differs from any of them by more than chance stays as it is, and is
+        not tuned (QL626). An axis that this flight tells too little of gets the vehicles of earlier flights,
+        where nothing in this one contradicts them (QL627).
 
     Returns
     -------
@@ -45,8 +53,8 @@ def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
     if now is None or not others:
         return result
     found = {
-        axis: joined(loop, controller, [_loop(one, axis) for one in others])
-        for axis, loop in now.axes.items()
+        axis: _joined(result, now, axis, controller, others)
+        for axis in now.axes
         if (controller := now.controllers.axes.get(axis)) is not None
     }
     axes = {**now.axes, **{axis: one.loop for axis, one in found.items()}}
@@ -62,6 +70,28 @@ def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
             for place, one in enumerate(others)
         ),
     )
+
+
+def _joined(
+    result: Result, now: ClosedLoop, axis: str, controller: AxisController, earlier: Sequence[Result]
+) -> Joined:
+    """Join an axis to earlier flights, or leave it to them where this flight tells too little of it."""
+    loop, model = now.axes[axis], result.identification.recommended
+    if loop.plants is not None:
+        return joined(loop, controller, [_loop(one, axis) for one in earlier])
+    if model is None or not tells_too_little(result.diagnosis, axis):
+        return Joined(loop)
+    data, model = per_command(most_excited(result.data, result.settings.identify.most_samples), model)
+    usable = [one.verdict.get(axis) == "usable" for one in earlier]
+    told = [
+        _loop(one, axis) if sound or tells_too_little(one.diagnosis, axis) else AxisLoop()
+        for sound, one in zip(usable, earlier, strict=True)
+    ]
+    found = by_earlier(loop, data, model, AXES.index(axis), controller, told)
+    # Of flights that all give reason for caution, only what was measured counts, as of a single one.
+    if any(usable[place] for place in found.used) or crosses_where_known(found.loop) or found.differ:
+        return found
+    return Joined(loop)
 
 
 def _loop(result: Result, axis: str) -> AxisLoop:

@@ -169,8 +169,8 @@ def tuning_of(result: Result) -> Tuning:
     return recommend(result)
 
 
-def autotune_forecasts(result: Result, tuning: Tuning) -> Mapping[str, AutotuneForecast]:
-    """Tell where the autopilot's own tuning procedure would end.
+def autotune_forecasts(result: Result, tuning: Tuning) -> Mapping[str, tuple[AutotuneForecast, ...]]:
+    """Tell where the autopilot's own tuning procedures would end.
 
     Parameters
     ----------
@@ -180,22 +180,23 @@ def autotune_forecasts(result: Result, tuning: Tuning) -> Mapping[str, AutotuneF
 
     Returns
     -------
-    mapping of str to AutotuneForecast
-        By axis, as far as the procedure is known.
+    mapping of str to tuple of AutotuneForecast
+        By axis, as far as procedures are known.
     """
     log = result.log
     parameters = flown_parameters(log, result.data)
     tunable = named(log.autopilot).tunable(parameters, log.version)
-    told: dict[str, AutotuneForecast] = {}
-    for axis, procedure in ({} if tunable is None else tunable.procedures).items():
+    told: dict[str, tuple[AutotuneForecast, ...]] = {}
+    for axis, procedures in ({} if tunable is None else tunable.procedures).items():
         if tunable is None or axis not in tuning.axes or axis in tuning.refused:
             continue
         case, _ = _case(result, axis, tunable, parameters)
         if case.controller is None or case.plants is None:
             continue
         rebuild = partial(_rebuilt, result, parameters, axis)
-        found = forecast(procedure, case.controller, of_next_flight(case.plants), case.names, rebuild)
-        if found is not None:
+        plants = of_next_flight(case.plants)
+        ends = (forecast(one, case.controller, plants, case.names, rebuild) for one in procedures)
+        if found := tuple(one for one in ends if one is not None):
             told[axis] = found
     return told
 

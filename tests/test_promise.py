@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.health import Health, Quantity, RotorBalance, Rotors
 from quadid_logs.data.model import Model
 from quadid_logs.data.off_nominal import AS_FLOWN, Ranges
@@ -368,6 +369,7 @@ def test_a_rotor_that_gives_a_fifth_less_breaks_the_promise(promise: Promise, fo
     assert found.rotor.loss.value == pytest.approx(0.2, abs=0.005)
     lines = " ".join(check_lines(promised, followed, found))
     assert "Front right motor gives" in lines
+    assert CATALOGUE["QL430"].advice in lines
     assert json.loads(check_text(promised, followed, found))["vehicle"]["rotor"]["number"] == 1
 
 

@@ -555,7 +555,9 @@ def test_page_and_json_tell_where_autotune_would_end(raised: Tuning) -> None:
     """Whether to fly it at all: gains and margins as intervals."""
     result = flown("ardupilot")
     told = autotune_forecasts(result, raised)
-    assert "AutoTune would end at ATC_RAT_RLL_P 0." in tune_page(result, raised, NOWHERE, told)
+    page = tune_page(result, raised, NOWHERE, told)
+    assert "AutoTune would end at ATC_RAT_RLL_P 0." in page
+    assert "QuikTune would end at ATC_RAT_RLL_P 0." in page
     found = json.loads(tuning_text(result, raised, NOWHERE, (), told))["axes"]["roll"]["autotune"]
     low, high = found["gains"][ROLL[0]]
     assert 0.01 < low <= high < 2.0
@@ -605,6 +607,15 @@ def test_a_step_that_does_not_reach_the_limits_says_so_and_how_many_flights_are_
     content = json.loads(tuning_text(result, tuning, NOWHERE, ()))["axes"]["roll"]
     assert content["limits_missed"] == ["phase_deg"]
     assert content["direction"] == "raise"
+
+
+def test_as_many_flights_as_are_told_to_be_missing_lead_to_the_limits() -> None:
+    """Each doubles gains that are a tenth of those that the vehicle bears; the next ones are a fifth."""
+    missing = together(detuned(0.1)).axes["roll"].flights_to_limits
+    before, after = (detuned(min(0.2 * 2.0**n, 1.0)).closed_loop for n in (missing - 2, missing))
+    assert before is not None
+    assert after is not None
+    assert spare(before.margins["roll"], GOOD) < 1.0 <= spare(after.margins["roll"], GOOD)
 
 
 def test_gains_that_come_nearer_to_the_limits_and_end_below_them_promise_no_arrival() -> None:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from quadid_logs.data.autotune import AutotuneForecast
     from quadid_logs.data.off_nominal import Ranges
-    from quadid_logs.data.result import Result
+    from quadid_logs.data.result import EarlierFlight, Result
     from quadid_logs.data.tuning import Limits, Tuning
     from quadid_logs.data.what_if import WhatIf
     from quadid_logs.report.provenance import Provenance
@@ -193,7 +193,7 @@ def _write(
     tuning: Tuning,
     provenance: Provenance,
     folder: Path,
-    forecasts: Mapping[str, AutotuneForecast],
+    forecasts: Mapping[str, tuple[AutotuneForecast, ...]],
     grids: Mapping[str, WhatIf],
 ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """Write page, JSON and parameter files; return the JSON, what was written, and what was removed."""
@@ -229,8 +229,7 @@ def _show(
     for line in _axis_lines(view):
         say(line)
     for one in result.earlier:
-        told = f"narrows {listed(one.axes)}" if one.axes else "narrows nothing"
-        say(f"  {printable(Path(one.path).name)} {told}")
+        say(f"  {printable(Path(one.path).name)} {_earlier_words(result, one)}")
     if tuning.refused:
         for step in view.steps:
             say(f"  next: {step}")
@@ -240,6 +239,17 @@ def _show(
         say(f"  after the next flight: `{check}`")
     if removed:
         say(f"  removed, of an earlier run: {', '.join(printable(folder / name) for name in removed)}")
+
+
+def _earlier_words(result: Result, earlier: EarlierFlight) -> str:
+    """Say what an earlier flight tells, and of which axes this one tells nothing."""
+    loops = {} if result.closed_loop is None else result.closed_loop.axes
+    alone = [axis for axis in earlier.axes if loops[axis].by_earlier]
+    narrowed = [axis for axis in earlier.axes if axis not in alone]
+    parts = [f"narrows {listed(narrowed)}"] if narrowed else []
+    if alone:
+        parts.append(f"tells of {listed(alone)}, which this flight shows too little of")
+    return " and ".join(parts) or "narrows nothing"
 
 
 def _axis_lines(view: TuneView) -> Iterator[str]:

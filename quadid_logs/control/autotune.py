@@ -8,11 +8,19 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.control.doubling import double
 from quadid_logs.control.pole_placement import place_poles
 from quadid_logs.control.scaled_loop import figures_alone, scaled_loops
 from quadid_logs.control.separate_gains import Rebuild
 from quadid_logs.control.twitch import twitch
-from quadid_logs.data.autotune import AutotuneForecast, PolePlacement, Procedure, Twitching
+from quadid_logs.data.autotune import (
+    AutotuneForecast,
+    Doubling,
+    PolePlacement,
+    Procedure,
+    ProcedureKind,
+    Twitching,
+)
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import GainNames
@@ -29,7 +37,7 @@ def forecast(
 
     Parameters
     ----------
-    procedure : PolePlacement or Twitching
+    procedure : PolePlacement, Twitching or Doubling
     controller : AxisController
         That flew.
     plants : Plant
@@ -61,6 +69,7 @@ def forecast(
     # The rate loop alone may be unstable where the whole one is not, and the other way round.
     stable = figures.rate.stable & figures.outer.stable
     return AutotuneForecast(
+        kind=ProcedureKind.QUIKTUNE if isinstance(procedure, Doubling) else ProcedureKind.AUTOTUNE,
         title=procedure.title,
         gains={name: _interval(values[places]) for name, values in gains.items()},
         gain_margin_db=_margin(np.where(stable, 20.0 * np.log10(figures.outer.gain_margin), 0.0)),
@@ -85,6 +94,13 @@ def _gains(
             names.derivative: d,
             names.angle: angle,
         }
+    if isinstance(procedure, Doubling):
+        doubled = double(procedure, controller, plants, names, rebuild)
+        if doubled is None:
+            return None
+        ends = dict(zip((names.proportional, names.integral, names.derivative), doubled, strict=True))
+        n = plants.effectiveness.size
+        return ends | {name: np.full(n, value) for name, value in procedure.filters.items()}
     p, i_per_s, d_s, angle = place_poles(procedure, controller, plants)
     return {names.proportional: p, names.integral: p * i_per_s, names.derivative: p * d_s, names.angle: angle}
 

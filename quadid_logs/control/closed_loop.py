@@ -95,14 +95,81 @@ def close_loop(
         if controller is None:
             continue
         found = AxisLoop()
-        if axis in trusted and not _disagrees(replay) and model.entries[ON_AXIS[axis]].identifiable:
+        if axis in trusted and not disagrees(replay) and model.entries[ON_AXIS[axis]].identifiable:
             found = _axis(data, model, number, controller, low_hz, wanted)
         axes[axis] = replace(found, replay=replay)
     return ClosedLoop(controllers=controllers, axes=axes)
 
 
-def _disagrees(replay: Replay | None) -> bool:
-    """Say whether the log contradicts the controller; one that the log cannot be held against it does not."""
+def close_loop_of_earlier(
+    data: FlightData,
+    model: Model,
+    number: int,
+    controller: AxisController,
+    plants: Plant,
+    known_hz: float,
+) -> AxisLoop:
+    """Close the loop of an axis around the vehicles of earlier flights, held against what this one measured.
+
+    Parameters
+    ----------
+    data : FlightData
+        Its torques in units of the controller's command.
+    model : Model
+        Of this flight, per unit of the controller's command. Nothing of this axis is taken from it but up to
+        where flights are fitted, and by which rotors its torque acts.
+    number : int
+        Of the axis.
+    controller : AxisController
+        That flew.
+    plants : Plant
+        The estimate of earlier flights, then vehicles drawn around it.
+    known_hz : float
+        Up to where earlier flights support them.
+
+    Returns
+    -------
+    AxisLoop
+        ``contradicted``, and without plants, where the response that this flight shows around the crossover
+        is not that of those vehicles.
+    """
+    lines = lines_of(data, number, controller.angle_delay_steps * controller.period_s, model.actuator)
+    estimate = plants.at(slice(0, 1))
+    found = _compared(plants, estimate, lines, controller, known_hz)
+    if found.supported.contradicted:
+        return AxisLoop(contradicted=True)
+    known_hz = found.supported.known_hz
+    frame = frame_modes(
+        data,
+        number,
+        controller,
+        estimate,
+        fitted_hz=model.smoothing_hz,
+        known_hz=known_hz,
+        n=plants.effectiveness.size - 1,
+    )
+    seen = found.seen
+    return AxisLoop(
+        step=step_of(controller, plants, None if seen is None else seen.closed),
+        measured=None if seen is None else _measured(seen, controller, estimate),
+        known_hz=known_hz,
+        frame=frame,
+        plants=plants,
+        by_earlier=True,
+    )
+
+
+def disagrees(replay: Replay | None) -> bool:
+    """Say whether the log contradicts the controller; one that the log cannot be held against it does not.
+
+    Parameters
+    ----------
+    replay : Replay or None
+
+    Returns
+    -------
+    bool
+    """
     if replay is None or replay.agrees:
         return False
     return replay.reason is None or not replay.reason.tells_nothing

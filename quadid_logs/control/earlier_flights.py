@@ -10,10 +10,18 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.control import flexible_mode
-from quadid_logs.control.closed_loop import loop_around
-from quadid_logs.control.next_flight import DAMPING_SPREAD, EFFECTIVENESS_SPREAD, TIME_SPREAD_S
+from quadid_logs.control.closed_loop import close_loop_of_earlier, disagrees, loop_around
+from quadid_logs.control.next_flight import (
+    DAMPING_SPREAD,
+    EFFECTIVENESS_SPREAD,
+    TIME_SPREAD_S,
+    of_next_flight,
+)
+from quadid_logs.control.posterior import draw
 from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.controller import AxisController
+from quadid_logs.data.flight import FlightData
+from quadid_logs.data.model import Model
 from quadid_logs.maths.multiple_tests import holm
 from quadid_logs.maths.normal import NORMAL_95
 
@@ -26,6 +34,8 @@ _WEIGHTS: Final = tuple(np.linspace(0.02, 0.98, 25).tolist())
 _SHARED: Final = np.array([0.0, 1.0, 1.0, 1.0, 0.0])
 #: Below this part of a variance is rounding.
 _ROUNDING: Final = 1e-9
+#: What this flight differs in from earlier ones is drawn independently of what the next one will.
+_SEED: Final = 4
 
 
 class _Drawn(NamedTuple):
@@ -88,6 +98,70 @@ def with_earlier(now: AxisLoop, controller: AxisController, earlier: Sequence[Ax
     margins, curve = loop_around(controller, plants, known_hz)
     loop = replace(now, plants=plants, known_hz=known_hz, frame=frame, margins=margins, curve=curve)
     return Joined(loop, tuple(told))
+
+
+def by_earlier(
+    now: AxisLoop,
+    data: FlightData,
+    model: Model,
+    number: int,
+    controller: AxisController,
+    earlier: Sequence[AxisLoop],
+) -> Joined:
+    """Close the loop of an axis that a flight tells too little of around the vehicles of earlier flights.
+
+    Parameters
+    ----------
+    now : AxisLoop
+        Without vehicles.
+    data : FlightData
+        Its torques in units of the controller's command.
+    model : Model
+        Of this flight, per unit of the controller's command.
+    number : int
+        Of the axis.
+    controller : AxisController
+        That flew now.
+    earlier : sequence of AxisLoop
+        Of the same axis, per the same unit of command, the last flight last.
+
+    Returns
+    -------
+    Joined
+        As it is where no earlier flight tells of the axis, or another controller flew. All that do differ
+        where they tell of several vehicles, or where something in this flight contradicts them: what it tells
+        of the axis, little as it may be, or the response that it shows around the crossover.
+
+    Notes
+    -----
+    The intervals are those of earlier flights together, wider by what differs between flights of one
+    vehicle. Nothing of this flight narrows them.
+    """
+    places = tuple(
+        place for place, one in enumerate(earlier) if one.plants is not None and not one.contradicted
+    )
+    if not places or disagrees(now.replay):
+        return Joined(now)
+    *before, last = (earlier[place] for place in places)
+    found = with_earlier(last, controller, before)
+    if found.differ or found.loop.plants is None:
+        return Joined(now, differ=places)
+    plants = of_next_flight(found.loop.plants._replace(modes=None), seed=_SEED)
+    own = None if model.posterior is None else draw(model.posterior, number, controller.period_s)
+    if own is not None and _same_by_chance(own, found.loop.plants) < _SAME_VEHICLE:
+        return Joined(now, differ=places)
+    closed = close_loop_of_earlier(data, model, number, controller, plants, found.loop.known_hz)
+    if closed.plants is None:
+        return Joined(now, differ=places)
+    frame, known_hz = closed.frame, closed.known_hz
+    if frame is not None:
+        frames = [one.frame for one in (*before, last) if one.frame is not None]
+        estimate = closed.plants.at(slice(0, 1))
+        frame = flexible_mode.with_earlier(frame, frames, controller, estimate, known_hz)
+    plants = closed.plants._replace(modes=None if frame is None else frame.modes)
+    margins, curve = loop_around(controller, plants, known_hz)
+    loop = replace(closed, replay=now.replay, plants=plants, frame=frame, margins=margins, curve=curve)
+    return Joined(loop, places)
 
 
 class _Both(NamedTuple):

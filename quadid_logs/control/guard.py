@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.data.catalogue import CAVEATS
+from quadid_logs.data.catalogue import CATALOGUE, CAVEATS
 from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.controller import AxisController, FlownControllers, RemarkKind, ReplayReason
 from quadid_logs.data.diagnosis import Diagnosis, Finding, Verdict
@@ -109,7 +109,8 @@ def _refusal(
 def _verdict(case: Case) -> Iterator[Finding]:
     """Yield that the analysis does not call the axis usable, and why its loop is not known all the same."""
     verdict = case.diagnosis.axes.get(case.axis)
-    if verdict is None or not (verdict.verdict == "usable" or has_only_caveats(case)):
+    by_earlier = case.found is not None and case.found.by_earlier
+    if verdict is None or not (verdict.verdict == "usable" or has_only_caveats(case) or by_earlier):
         told: dict[str, object] = {}
         title = ""
         if verdict is not None:
@@ -136,9 +137,43 @@ def has_only_caveats(case: Case) -> bool:
     verdict, found = case.diagnosis.axes.get(case.axis), case.found
     if verdict is None or found is None or found.margins is None or found.contradicted:
         return False
-    crossover_hz = found.margins.rate.crossover_hz
-    known = crossover_hz is not None and crossover_hz.value <= found.known_hz
-    return verdict.verdict == "caution" and known and set(verdict.reasons) <= CAVEATS
+    return verdict.verdict == "caution" and crosses_where_known(found) and set(verdict.reasons) <= CAVEATS
+
+
+def crosses_where_known(loop: AxisLoop) -> bool:
+    """Tell whether measurement supports the model of an axis up to the crossover of its rate loop.
+
+    Parameters
+    ----------
+    loop : AxisLoop
+
+    Returns
+    -------
+    bool
+    """
+    crossover_hz = None if loop.margins is None else loop.margins.rate.crossover_hz
+    return crossover_hz is not None and crossover_hz.value <= loop.known_hz
+
+
+def tells_too_little(diagnosis: Diagnosis, axis: str) -> bool:
+    """Tell whether all that speaks against the model of an axis is how little the flight tells of it.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    axis : str
+
+    Returns
+    -------
+    bool
+        Nothing contradicts another model then, of a flight that tells more.
+    """
+    against = {
+        one.code
+        for one in diagnosis.findings
+        if (not one.axes or axis in one.axes) and one.level != "info" and CATALOGUE[one.code].scope == "model"
+    }
+    return against <= CAVEATS
 
 
 def _controller(case: Case) -> Iterator[Finding]:

@@ -333,10 +333,11 @@ def _figures(
     frequency_hz: FloatArray, curve: _Curve, integrators: int | IntArray, unstable_poles: BoolArray
 ) -> LoopFigures:
     n_plants = curve.begins.size
-    crossover_hz, phase_rad, delay_s = _phase_margin(frequency_hz, curve.falls, n_plants)
+    stable = _stable(curve.begins, curve.ends, curve.crossings, integrators, unstable_poles)
+    crossover_hz, phase_rad, delay_s = _phase_margin(frequency_hz, curve.falls, n_plants, stable)
     gain, oscillation_hz, gain_down = _gain_margins(frequency_hz, curve.crossings, n_plants)
     return LoopFigures(
-        stable=_stable(curve.begins, curve.ends, curve.crossings, integrators, unstable_poles),
+        stable=stable,
         crossover_hz=crossover_hz,
         phase_margin_rad=phase_rad,
         delay_margin_s=delay_s,
@@ -494,18 +495,27 @@ def phase_margin(frequency_hz: FloatArray, loop: ComplexArray) -> tuple[FloatArr
     Returns
     -------
     crossover_hz, phase_margin_rad, delay_margin_s : ndarray, shape (n_plants,)
-        The crossover with the least phase to spare, that phase, and the least delay that any crossover bears.
+        The crossover with the least phase to spare, that phase, and the least delay that any crossover bears;
+        below zero beyond -180 degrees, as nothing tells whether the loops are stable.
     """
-    return _phase_margin(frequency_hz, _falls(loop, loop.real**2 + loop.imag**2, 0, 0), len(loop))
+    falls = _falls(loop, loop.real**2 + loop.imag**2, 0, 0)
+    return _phase_margin(frequency_hz, falls, len(loop), np.zeros(len(loop), dtype=np.bool_))
 
 
 def _phase_margin(
-    frequency_hz: FloatArray, falls: _Falls, n_plants: int
+    frequency_hz: FloatArray, falls: _Falls, n_plants: int, stable: BoolArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Do what `phase_margin` says, with the places where gains fall below one."""
+    """Do what `phase_margin` says, with the places where gains fall below one.
+
+    A stable loop has phase to spare at each of them, however often a mode of the frame has turned its curve:
+    the least that brings it to -1, be it lost or gained. Of delay only what is lost counts.
+    """
     row, spare = falls.row, falls.spare_rad
     at_hz = _between(frequency_hz, falls.before, falls.place)
-    delay_s = spare / (2.0 * np.pi * at_hz)
+    of_stable = stable[row]
+    lost = np.where(of_stable, np.mod(spare, 2.0 * np.pi), spare)
+    spare = np.where(of_stable, np.minimum(lost, 2.0 * np.pi - lost), spare)
+    delay_s = lost / (2.0 * np.pi * at_hz)
     least = _least(row, spare, n_plants)
     return _chosen(at_hz, least), _chosen(spare, least), _chosen(delay_s, _least(row, delay_s, n_plants))
 

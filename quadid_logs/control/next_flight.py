@@ -21,13 +21,15 @@ EFFECTIVENESS_SPREAD: Final = 0.03
 _SEED = 2
 
 
-def of_next_flight(plants: Plant) -> Plant:
+def of_next_flight(plants: Plant, *, seed: int = _SEED) -> Plant:
     """Return the vehicles with what may be different in another flight.
 
     Parameters
     ----------
     plants : Plant
         The estimate, then vehicles drawn around it.
+    seed : int
+        Another one for a flight after or before the next one: what differs between flights is independent.
 
     Returns
     -------
@@ -35,7 +37,7 @@ def of_next_flight(plants: Plant) -> Plant:
         The estimate as it is; each of the others a little more or less effective, damped, and late.
     """
     n = plants.effectiveness.size
-    random = np.random.default_rng(_SEED).standard_normal((3, n)) / NORMAL_95
+    random = np.random.default_rng(seed).standard_normal((3, n)) / NORMAL_95
     random[:, :1] = 0.0
     return plants._replace(
         effectiveness=plants.effectiveness * (1.0 + EFFECTIVENESS_SPREAD * random[0]),

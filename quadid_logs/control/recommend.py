@@ -149,6 +149,7 @@ def tune_axes(
         changed = _refiltered(known, tuned, filters, shared=set(known) == set(AXES))
         tuned = {axis: changed.get(axis) or with_flown_filters(axis, one) for axis, one in tuned.items()}
     tuned = {axis: _with_off_nominal(axes[axis], one, limits) for axis, one in tuned.items()}
+    tuned = {axis: _with_source(axes[axis].case, one) for axis, one in tuned.items()}
     return {
         axis: replace(found, reasons=tuple(remedied(found.reasons, axes[axis].case.log.autopilot)))
         for axis, found in tuned.items()
@@ -177,6 +178,15 @@ def _with_off_nominal(axis: Axis, found: AxisTuning, limits: Limits) -> AxisTuni
         }
         reasons = (*reasons, _found("QL675", case, evidence))
     return replace(found, off_nominal=told, reasons=reasons)
+
+
+def _with_source(case: Case, found: AxisTuning) -> AxisTuning:
+    """Add that gains follow from earlier flights, where this one tells too little of the axis."""
+    if case.found is None or not case.found.by_earlier or found.verdict == "refused":
+        return found
+    verdict = case.diagnosis.axes.get(case.axis)
+    codes = [] if verdict is None else list(verdict.reasons)
+    return replace(found, reasons=(*found.reasons, _found("QL627", case, {"codes": codes})))
 
 
 def _words(kind: ConditionKind) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import NamedTuple
 
 
@@ -72,8 +73,46 @@ class Twitching(NamedTuple):
     angle_back_off: float
 
 
+class Doubling(NamedTuple):
+    """A procedure that raises D, and then P, until the vehicle oscillates, and cuts them.
+
+    Attributes
+    ----------
+    title : str
+        For people.
+    filters : mapping of str to float
+        What it sets first, by parameter [Hz].
+    kept : float
+        Of a gain at which the vehicle oscillates.
+    least_of_flown : float
+        Part of a flown gain below which it does not go.
+    integral_ratio : float or None
+        I over P; None where it leaves I as it is.
+    highest_proportional, highest_derivative : float
+        Where it stops, infinite for nowhere.
+    lowers_p : bool
+        P falls with D where that ends below the flown one.
+    """
+
+    title: str
+    filters: Mapping[str, float]
+    kept: float
+    least_of_flown: float
+    integral_ratio: float | None
+    highest_proportional: float
+    highest_derivative: float
+    lowers_p: bool
+
+
 #: A procedure that is known.
-Procedure = PolePlacement | Twitching
+Procedure = PolePlacement | Twitching | Doubling
+
+
+class ProcedureKind(StrEnum):
+    """Which of an autopilot's procedures it is: the one in the firmware, or that of rising gains."""
+
+    AUTOTUNE = "autotune"
+    QUIKTUNE = "quiktune"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,6 +121,7 @@ class AutotuneForecast:
 
     Attributes
     ----------
+    kind : ProcedureKind
     title : str
         Of the procedure.
     gains : mapping of str to tuple of float
@@ -94,6 +134,7 @@ class AutotuneForecast:
         Of the vehicles, those on which the procedure would end with gains.
     """
 
+    kind: ProcedureKind
     title: str
     gains: Mapping[str, tuple[float, float]]
     gain_margin_db: tuple[float, float] | None

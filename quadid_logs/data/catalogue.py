@@ -901,6 +901,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 scope="gains",
             ),
             _entry(
+                "QL627",
+                "This flight shows too little of this axis: the gains follow from earlier flights",
+                "No model of this axis can be identified from this flight, and nothing in it contradicts the "
+                "model of earlier flights. The intervals are theirs, wider by what differs between flights.",
+                "Load the file, and heed the warning beside these gains. For narrower intervals fly stronger "
+                "manoeuvres on this axis, or in calmer air, and give all of these logs with `--earlier` when "
+                "you tune from the next one.",
+                scope="gains",
+            ),
+            _entry(
                 "QL624",
                 "No common factor of P, I and D brings the margins to their limits",
                 "Neither higher nor lower gains meet the margins: filters, angle loop or motors take too "

@@ -366,7 +366,8 @@ class AxisLoop:
 
     ``contradicted``: the measured response does not fit the model around the crossover;
     ``known_hz``: up to where measurement supports the model; ``plants``: the estimate, then vehicles drawn
-    around it, whose loops the intervals span.
+    around it, whose loops the intervals span. ``by_earlier``: the flight tells too little of the axis, and
+    nothing in it contradicts the plants, which are those of earlier flights alone.
     """
 
     replay: Replay | None = None
@@ -380,6 +381,7 @@ class AxisLoop:
     known_hz: float = 0.0
     frame: FrameModes | None = None
     plants: Plant | None = None
+    by_earlier: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

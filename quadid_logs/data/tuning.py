@@ -131,13 +131,13 @@ class Tunable:
     axes : mapping of str to GainNames
     obstacle : str
         What this vehicle is that no gains are given for, "" for nothing.
-    procedures : mapping of str to Procedure
-        By axis, how the autopilot tunes itself, where that is known.
+    procedures : mapping of str to tuple of Procedure
+        By axis, how the autopilot tunes itself, as far as that is known.
     """
 
     axes: Mapping[str, GainNames] = field(default_factory=dict)
     obstacle: str = ""
-    procedures: Mapping[str, Procedure] = field(default_factory=dict)
+    procedures: Mapping[str, tuple[Procedure, ...]] = field(default_factory=dict)
 
 
 #: Cut-offs that are changed by one factor: by parameter its range [Hz].

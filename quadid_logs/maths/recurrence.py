@@ -150,7 +150,14 @@ def low_pass(values: FloatArray, cutoff_hz: float, step_s: FloatArray, *, first:
     return _substituted(bands, right)
 
 
-def anti_windup_sum(increments: FloatArray, limited: BoolArray, bound: float, *, first: float) -> FloatArray:
+def anti_windup_sum(
+    increments: FloatArray,
+    limited: BoolArray,
+    bound: float,
+    *,
+    first: float,
+    told: FloatArray | None = None,
+) -> FloatArray:
     """Sum increments up, but not away from zero where `limited`, and within +-`bound`.
 
     Parameters
@@ -161,6 +168,10 @@ def anti_windup_sum(increments: FloatArray, limited: BoolArray, bound: float, *,
     bound : float
     first : float
         The sum at the first sample.
+    told : ndarray, shape (n,), optional
+        The sum as another tells it. Where that is on the other side of zero, and nearer than an increment, it
+        says which way is away from zero: by a rounding alone a whole increment would be taken or left out,
+        and that for good.
 
     Returns
     -------
@@ -170,8 +181,12 @@ def anti_windup_sum(increments: FloatArray, limited: BoolArray, bound: float, *,
     if not limited.any() and np.abs(free).max(initial=0.0) <= bound:
         return free
     total, found = first, [first]
-    for step, stopped in zip(increments[1:].tolist(), limited[1:].tolist(), strict=True):
-        if not (stopped and total * step > 0.0):
+    sides = np.zeros(increments.size) if told is None else told
+    for step, stopped, side in zip(
+        increments[1:].tolist(), limited[1:].tolist(), sides[:-1].tolist(), strict=True
+    ):
+        rounded = total * side < 0.0 and abs(total - side) < abs(step)
+        if not (stopped and (side if rounded else total) * step > 0.0):
             total += step
             # Not by min and max, which take as long as all else.
             if total > bound:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import PurePath
 from typing import Any, Final
 
+from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.promise import (
     AxisCheck,
     Check,
@@ -52,6 +53,8 @@ _FIGURES: Final = {
 _ALWAYS: Final = ("gain_margin_db", "phase_margin_deg")
 #: So many parameters are named, and the others counted.
 _MOST_NAMED: Final = 6
+#: What to do about a rotor that gives less stands with the finding about one.
+_WEAK_ROTOR: Final = "QL430"
 
 
 def _headline(found: Check) -> str:
@@ -154,8 +157,8 @@ def _vehicle_lines(found: Check) -> Iterator[str]:
         ends = (loss.value, loss.value) if loss.ci95 is None else loss.ci95
         percent = estimate(*(100.0 * one for one in (loss.value, *ends)))
         yield (
-            f"{found.rotor.name.capitalize()} gives {percent} % less thrust than then for the same command: "
-            "check its propeller, motor and ESC."
+            f"{found.rotor.name.capitalize()} gives {percent} % less thrust than then for the same command "
+            f"[{_WEAK_ROTOR}]. {CATALOGUE[_WEAK_ROTOR].advice}"
         )
     for one in changes:
         yield _change_words(one)

@@ -24,7 +24,7 @@ def tune_page(
     result: Result,
     tuning: Tuning,
     provenance: Provenance,
-    forecasts: Mapping[str, AutotuneForecast] | None = None,
+    forecasts: Mapping[str, tuple[AutotuneForecast, ...]] | None = None,
     grids: Mapping[str, WhatIf] | None = None,
 ) -> str:
     """Return the page.
@@ -34,7 +34,7 @@ def tune_page(
     result : Result
     tuning : Tuning
     provenance : Provenance
-    forecasts : mapping of str to AutotuneForecast, optional
+    forecasts : mapping of str to tuple of AutotuneForecast, optional
         By axis, where the autopilot's own procedure would end.
     grids : mapping of str to WhatIf, optional
         By axis, what other gains and filters would make; the page's one script looks them up.

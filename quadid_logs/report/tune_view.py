@@ -94,7 +94,7 @@ class TuneView:
 
 
 def tune_view(
-    result: Result, tuning: Tuning, forecasts: Mapping[str, AutotuneForecast] | None = None
+    result: Result, tuning: Tuning, forecasts: Mapping[str, tuple[AutotuneForecast, ...]] | None = None
 ) -> TuneView:
     """Put a recommendation into words.
 
@@ -102,7 +102,7 @@ def tune_view(
     ----------
     result : Result
     tuning : Tuning
-    forecasts : mapping of str to AutotuneForecast, optional
+    forecasts : mapping of str to tuple of AutotuneForecast, optional
         By axis, where the autopilot's own procedure would end.
 
     Returns
@@ -119,7 +119,7 @@ def tune_view(
         headline=headline(tuning),
         style=style,
         axes=tuple(
-            _axis(result, axis, found, tuning.limits, back, (forecasts or {}).get(axis))
+            _axis(result, axis, found, tuning.limits, back, (forecasts or {}).get(axis, ()))
             for axis, found in tuning.axes.items()
         ),
         steps=tuple(filled(step, result) for step in _steps(result, tuning)),
@@ -225,7 +225,7 @@ def _axis(
     found: AxisTuning,
     limits: Limits,
     back: WayBack,
-    forecast: AutotuneForecast | None,
+    forecasts: tuple[AutotuneForecast, ...],
 ) -> TuneAxisView:
     # Say why: the decisive reason or every one of a refusal, and whether the next gains are there yet.
     decisive = found.reasons if found.verdict == "refused" else found.reasons[:1]
@@ -251,7 +251,7 @@ def _axis(
         warning=_warning(axis, found, back),
         reasons=tuple(_reason(result, one) for one in found.reasons),
         filter_note=next((f"{one.title}." for one in found.reasons if one.code == "QL636"), ""),
-        autotune="" if forecast is None else autotune_words(forecast),
+        autotune=" ".join(autotune_words(one) for one in forecasts),
         off_nominal=_worst_case(found),
     )
 

@@ -7,7 +7,7 @@ from pathlib import PurePath
 from typing import Any
 
 from quadid_logs.control.room import has_way_back, missed
-from quadid_logs.data.autotune import AutotuneForecast
+from quadid_logs.data.autotune import AutotuneForecast, ProcedureKind
 from quadid_logs.data.closed_loop import LoopMargins
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import AxisTuning, Limits, Tuning
@@ -26,7 +26,7 @@ def tuning_text(
     tuning: Tuning,
     provenance: Provenance,
     files: Sequence[str],
-    forecasts: Mapping[str, AutotuneForecast] | None = None,
+    forecasts: Mapping[str, tuple[AutotuneForecast, ...]] | None = None,
     folder: str = "",
 ) -> str:
     """Return what is recommended as strict JSON in ASCII.
@@ -38,7 +38,7 @@ def tuning_text(
     provenance : Provenance
     files : sequence of str
         That were written.
-    forecasts : mapping of str to AutotuneForecast, optional
+    forecasts : mapping of str to tuple of AutotuneForecast, optional
         By axis, where the autopilot's own procedure would end.
     folder : str
         Name of the folder that holds them, "" for none of its own.
@@ -62,7 +62,7 @@ def tuning_text(
         "limits": tuning.limits._asdict(),
         "ranges": {name: list(ends) for name, ends in tuning.ranges._asdict().items()},
         "axes": {
-            axis: _axis(found, tuning.limits) | {"autotune": _forecast((forecasts or {}).get(axis))}
+            axis: _axis(found, tuning.limits) | _forecasts((forecasts or {}).get(axis, ()))
             for axis, found in tuning.axes.items()
         },
         "folder": folder,
@@ -92,10 +92,15 @@ def _axis(found: AxisTuning, limits: Limits) -> dict[str, Any]:
     }
 
 
-def _forecast(found: AutotuneForecast | None) -> dict[str, Any] | None:
-    """Return where the autopilot's own procedure would end; intervals of 95 %."""
-    if found is None:
-        return None
+def _forecasts(found: tuple[AutotuneForecast, ...]) -> dict[str, Any]:
+    """Return by kind where the autopilot's own procedures would end, None where that is not known."""
+    return dict.fromkeys(kind.value for kind in ProcedureKind) | {
+        one.kind.value: _forecast(one) for one in found
+    }
+
+
+def _forecast(found: AutotuneForecast) -> dict[str, Any]:
+    """Return where a procedure would end; intervals of 95 %."""
     return {
         "procedure": found.title,
         "gains": {name: list(ends) for name, ends in found.gains.items()},

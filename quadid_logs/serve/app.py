@@ -23,7 +23,8 @@ from starlette.responses import (
 )
 from starlette.routing import Route
 
-from quadid_logs.serve.entries import Entry, Kind, State, is_id, log_entry, question
+from quadid_logs.counting import counted
+from quadid_logs.serve.entries import Entry, Kind, State, earlier_of, is_id, log_entry, question
 from quadid_logs.serve.events import Pages, changes_dict
 from quadid_logs.serve.jobs import PAGE_FILE
 from quadid_logs.serve.lingering import Lingering
@@ -165,9 +166,12 @@ class _Routes:
         return await self._ask(question(Kind.COMPARE, name, tuple(log.id for log in logs)), logs)
 
     async def tune(self, request: Request) -> Response:
-        """Queue the question for the next gains to fly."""
+        """Queue the question for the next gains to fly, with what earlier flights of the vehicle tell."""
         log = self._log(str((await _json(request)).get("log", "")))
-        return await self._ask(question(Kind.TUNE, f"Next gains: {log.name}", (log.id,)), (log,))
+        earlier = earlier_of(log, self._schedule.entries())
+        asked = f" and {counted(len(earlier), 'earlier flight')}" if earlier else ""
+        ids = tuple(one.id for one in (log, *earlier))
+        return await self._ask(question(Kind.TUNE, f"Next gains: {log.name}{asked}", ids), (log, *earlier))
 
     async def plan(self, request: Request) -> Response:
         """Queue a plan of a flight."""

@@ -6,13 +6,18 @@ import hashlib
 import json
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from enum import StrEnum
 from typing import Any, Final
 
+from quadid_logs.fleet.naming import MODIFICATION
 from quadid_logs.untrusted import printable
 
+#: So many earlier flights of a vehicle are asked as well, the last ones: with four more, what gusts leave of
+#: an interval is less than half, and the job takes five times as long.
+MOST_EARLIER: Final = 4
 #: An id is the SHA-256 of a log's content, or of a question about logs.
 _ID: Final = re.compile(r"[0-9a-f]{64}")
 
@@ -130,6 +135,43 @@ def log_entry(sha256: str, name: str, n_bytes: int, modified_s: float) -> Entry:
         n_bytes=n_bytes,
         options={"modified_s": modified_s},
     )
+
+
+def earlier_of(log: Entry, entries: Iterable[Entry]) -> tuple[Entry, ...]:
+    """Return the earlier flights of the vehicle that flew a log.
+
+    Parameters
+    ----------
+    log : Entry
+        That was analyzed.
+    entries : iterable of Entry
+
+    Returns
+    -------
+    tuple of Entry
+        That were analyzed, the last one last, at most `MOST_EARLIER`. Where nothing but a copied file's date
+        says when a log flew, it flew when it came.
+    """
+    vehicle, flown_s = log.summary.get("vehicle"), _flown_s(log)
+    earlier = [
+        one
+        for one in entries
+        if one.kind is Kind.ANALYZE
+        and one.state is State.DONE
+        and one.id != log.id
+        and vehicle
+        and one.summary.get("vehicle") == vehicle
+        and _flown_s(one) < flown_s
+    ]
+    return tuple(sorted(earlier, key=_flown_s)[-MOST_EARLIER:])
+
+
+def _flown_s(log: Entry) -> float:
+    """Return when a log flew [s UTC], or came."""
+    started = log.summary.get("started")
+    if not started or log.summary.get("started_from") == MODIFICATION:
+        return log.added_s
+    return datetime.fromisoformat(str(started)).timestamp()
 
 
 def question(kind: Kind, name: str, logs: tuple[str, ...], options: Mapping[str, Any] | None = None) -> Entry:

@@ -204,7 +204,8 @@ def _compare(job: Job, tell: Tell) -> Done:
 
 
 def _tune(job: Job, tell: Tell) -> Done:
-    """Do what ``quadid-log tune`` does."""
+    """Do what ``quadid-log tune`` does: the first log, with the others as earlier flights."""
+    from quadid_logs.earlier import with_earlier
     from quadid_logs.promise import promise_of
     from quadid_logs.report.gain_files import gain_files
     from quadid_logs.report.promise_file import PROMISE_FILE, promise_text
@@ -215,7 +216,8 @@ def _tune(job: Job, tell: Tell) -> Done:
     from quadid_logs.report.tuning_json import tuning_text
     from quadid_logs.tuning import tuning_of
 
-    result = _result_of(job, 0, tell)[1]
+    result, *earlier = (_result_of(job, which, tell)[1] for which in range(len(job.logs)))
+    result = with_earlier(result, earlier)
     tell("tune", None)
     tuning = tuning_of(result)
     provenance = Provenance(version=__version__, command="", log_sha256=job.sha256[0])

@@ -11,11 +11,14 @@ from pathlib import Path
 import pytest
 
 from quadid_logs.cli import main
+from quadid_logs.cli.tune import _earlier_words
 from quadid_logs.data.result import PooledLog, Result
 from quadid_logs.data.tuning import GOOD, Limits, Tuning
+from quadid_logs.earlier import with_earlier
 from quadid_logs.serve.entries import Kind
 from quadid_logs.serve.jobs import Job, do
 from quadid_logs.tuning import recommend
+from tests.control.test_earlier_flights import calmer, gusty
 from tests.tuned_flights import flown, of_axes, with_parameters
 
 pytestmark = pytest.mark.usefixtures("quick_multisines")
@@ -228,6 +231,14 @@ def test_the_terminal_and_the_file_name_the_axes_that_an_earlier_flight_narrows(
     content = json.loads(Path("tune/now/tune.json").read_text(encoding="ascii"))
     told = {"log": "before.bin", "axes": ["roll", "pitch", "yaw"], "differ": []}
     assert content["earlier"] == [told]
+
+
+def test_the_terminal_tells_which_axes_are_left_to_an_earlier_flight() -> None:
+    result = with_earlier(gusty(flown("ardupilot"), "QL504"), [calmer(flown("ardupilot"))])
+    (earlier,) = result.earlier
+    assert _earlier_words(result, earlier) == (
+        "narrows pitch and yaw and tells of roll, which this flight shows too little of"
+    )
 
 
 def test_an_earlier_log_of_another_frame_ends_with_what_to_do(

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from quadid_logs.control.autotune import forecast
-from quadid_logs.control.loop import gyro_filters
+from quadid_logs.control.doubling import double
+from quadid_logs.control.loop import close, gyro_filters
+from quadid_logs.control.margins import fine_grid_hz, is_stable
 from quadid_logs.control.pole_placement import _discrete_models, place_poles
 from quadid_logs.control.twitch import _angle_up, _Answer, _Gains, _seen, twitch
-from quadid_logs.data.autotune import PolePlacement, Twitching
+from quadid_logs.data.autotune import Doubling, PolePlacement, ProcedureKind, Twitching
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.tuning import GainNames
@@ -29,6 +31,10 @@ PLACED = PolePlacement(
 TWITCHED = Twitching(
     title="twitching", aggressiveness=0.075, filter_hz=40.0, derivative=(0.0005, 0.2),
     proportional=(0.01, 2.0), angle=(0.5, 40.0), integral_ratio=1.0, angle_back_off=0.9,
+)  # fmt: skip
+DOUBLED = Doubling(
+    title="doubling", filters={}, kept=0.4, least_of_flown=0.8, integral_ratio=1.0,
+    highest_proportional=np.inf, highest_derivative=np.inf, lowers_p=True,
 )  # fmt: skip
 
 
@@ -101,7 +107,7 @@ def test_the_start_hardly_matters_to_twitches() -> None:
     assert found[0].proportional[0] == pytest.approx(found[1].proportional[0], rel=0.15)
 
 
-@pytest.mark.parametrize("procedure", [PLACED, TWITCHED])
+@pytest.mark.parametrize("procedure", [PLACED, TWITCHED, DOUBLED])
 def test_a_forecast_spans_the_vehicles(procedure: PolePlacement | Twitching) -> None:
     """A wider posterior gives wider gains."""
     narrow, wide = (
@@ -137,3 +143,67 @@ def test_each_twitch_is_seen_by_itself() -> None:
     now = _Gains(p=0.1, d=0.003, angle=10.0)
     together = _seen(rates, [now, now, now._replace(stage=4)], TWITCHED)
     assert together == [_Answer(1.1, 1.1), _Answer(0.5, 0.3), _Answer(1.01, 0.0, reverses=True)]
+
+
+LOW = {"P": 0.01, "I": 0.01, "D": 0.0001}
+
+
+def doubled(procedure: Doubling = DOUBLED, **gains: float) -> dict[str, float]:
+    """Return P, I and D at which the doubling ends on one vehicle, from low gains unless others are given."""
+    found = double(procedure, controller(LOW | gains), plants(300.0), NAMES, controller)
+    assert found is not None
+    return {name: float(values[0]) for name, values in zip("PID", found, strict=True)}
+
+
+def flies(**gains: float) -> bool:
+    made = controller(gains)
+    loop = close(made, plants(300.0), fine_grid_hz(made.period_s)).full
+    assert loop is not None
+    return bool(is_stable(loop, 2, np.array([False]))[0])
+
+
+@pytest.mark.parametrize("ratio", [1.0, 20.0])
+def test_doubling_ends_at_two_fifths_of_the_p_that_oscillates(ratio: float) -> None:
+    """With the I that rises with it."""
+    end = doubled(DOUBLED._replace(integral_ratio=ratio))
+    assert flies(P=2.4 * end["P"], I=2.4 * end["I"], D=end["D"])
+    assert not flies(P=2.6 * end["P"], I=2.6 * end["I"], D=end["D"])
+
+
+def test_doubling_ends_at_two_fifths_of_the_d_that_oscillates() -> None:
+    """Before P rises."""
+    end = doubled()
+    assert flies(P=LOW["P"], I=LOW["I"], D=2.4 * end["D"])
+    assert not flies(P=LOW["P"], I=LOW["I"], D=2.6 * end["D"])
+
+
+def test_doubling_takes_no_flown_gain_down_by_more_than_a_fifth() -> None:
+    """It sees oscillations that are none, and a low rate gain beside a high angle gain is dangerous."""
+    high = doubled(D=10.0 * doubled()["D"], P=0.4)
+    assert high["D"] == pytest.approx(8.0 * doubled()["D"])
+    assert high["P"] >= 0.8 * 0.4
+
+
+def test_doubling_stops_at_the_highest_gains_of_yaw() -> None:
+    limited = doubled(DOUBLED._replace(highest_proportional=0.02, highest_derivative=0.0002))
+    assert limited["P"] == pytest.approx(0.02)
+    assert limited["D"] == pytest.approx(0.0002)
+
+
+def test_i_goes_with_p_by_the_ratio_or_stays() -> None:
+    tenth = doubled(DOUBLED._replace(integral_ratio=0.1))
+    assert tenth["I"] == pytest.approx(0.1 * tenth["P"])
+    assert doubled(DOUBLED._replace(integral_ratio=None))["I"] == LOW["I"]
+
+
+def test_d_of_none_rises_too() -> None:
+    """As many users have it in yaw."""
+    assert doubled(D=0.0)["D"] == pytest.approx(doubled()["D"], rel=0.02)
+
+
+def test_a_forecast_tells_the_filters_that_the_procedure_sets() -> None:
+    procedure = DOUBLED._replace(filters={"FLTD": 10.0})
+    found = forecast(procedure, controller(LOW), plants(300.0, 310.0), NAMES, controller)
+    assert found is not None
+    assert found.kind is ProcedureKind.QUIKTUNE
+    assert found.gains["FLTD"] == (10.0, 10.0)

@@ -8,6 +8,7 @@ from scipy import signal
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.margins import figures_and_worse, figures_of, grid_hz, is_stable, margins_of
+from quadid_logs.data.closed_loop import Modes
 from quadid_logs.maths.band import ComplexArray
 
 F = grid_hz(0.0025)
@@ -54,6 +55,42 @@ def test_the_phase_margin_is_that_of_the_worst_crossover() -> None:
     assert np.degrees(found.phase_margin_rad[0]) == pytest.approx(30.0, abs=0.1)
     assert found.crossover_hz[0] == pytest.approx(2.0**2.5, rel=2e-3)
     assert found.delay_margin_s[0] == pytest.approx(30.0 / 360.0 / 2.0**2.5, rel=5e-3)
+
+
+def with_mode(delay_s: float, mode: tuple[float, float, float], crossover_hz: float) -> ComplexArray:
+    """An integrator with a delay, behind a mode of the frame: frequency, damping ratio, gain."""
+    frame = Modes(*(np.array([each]) for each in mode))
+    rigid = 2.0 * np.pi * crossover_hz * np.exp(-DENSE_S * delay_s) / DENSE_S
+    return np.asarray(rigid * frame.response(DENSE))
+
+
+#: Dense enough for a sharp mode.
+DENSE = np.geomspace(0.05, 190.0, 20_000)
+DENSE_S = 2j * np.pi * DENSE
+#: Above the crossover the modes bring the gain above one again, and it falls back beyond -180 degrees.
+MODES = [(0.005, (30.0, 0.05, 0.8), 4.0), (0.01, (20.0, 0.01, 0.2), 2.0), (0.02, (60.0, 0.05, 0.8), 8.0)]
+
+
+@pytest.mark.parametrize(("delay_s", "mode", "crossover_hz"), MODES)
+def test_a_stable_loop_behind_a_mode_has_phase_to_spare(
+    delay_s: float, mode: tuple[float, float, float], crossover_hz: float
+) -> None:
+    loop = with_mode(delay_s, mode, crossover_hz)
+    margin_rad = figures_of(DENSE, loop, 1, NO).phase_margin_rad[0]
+    lost_rad = np.linspace(0.0, 0.99, 30)[:, np.newaxis] * margin_rad
+    assert margin_rad > 0.0
+    assert is_stable(loop * np.exp(-1j * lost_rad * np.minimum(DENSE, 1.0)), 1, np.repeat(NO, 30)).all()
+
+
+@pytest.mark.parametrize(("delay_s", "mode", "crossover_hz"), MODES)
+def test_a_stable_loop_behind_a_mode_bears_delay(
+    delay_s: float, mode: tuple[float, float, float], crossover_hz: float
+) -> None:
+    loop = with_mode(delay_s, mode, crossover_hz)
+    margin_s = figures_of(DENSE, loop, 1, NO).delay_margin_s[0]
+    late_s = np.array([[0.0], [0.5], [0.99], [1.01]]) * margin_s
+    stable = is_stable(loop * np.exp(-DENSE_S * late_s), 1, np.repeat(NO, 4))
+    assert stable.tolist() == [True, True, True, False]
 
 
 def test_a_conditionally_stable_loop_has_a_gain_margin_downwards() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from quadid_logs.maths.recurrence import band_both_ways, lag, linear_filter
+from quadid_logs.maths.recurrence import anti_windup_sum, band_both_ways, lag, linear_filter
 
 VALUES = np.random.default_rng(3).standard_normal((500, 2))
 
@@ -62,3 +62,25 @@ def test_an_analysis_starts_without_scipy() -> None:
         "sys.exit('scipy' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def flown_integral(increments: np.ndarray, limited: np.ndarray) -> np.ndarray:
+    """As firmware sums up: at the limits only towards zero."""
+    total, found = 0.0, [0.0]
+    for step, stopped in zip(increments[1:], limited[1:], strict=True):
+        total += 0.0 if stopped and total * step > 0.0 else step
+        found.append(total)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_rounding_of_an_integral_at_its_limits_stays_a_rounding(seed: int) -> None:
+    """Else the side of zero on which it was rounded decides about whole increments, once in so many rows."""
+    random = np.random.default_rng(seed)
+    increments = np.cumsum(random.standard_normal(4000)) * 0.01
+    increments -= np.convolve(increments, np.full(50, 0.02), mode="same")
+    limited = random.random(4000) < 0.3
+    flown = flown_integral(increments, limited)
+    off = 1e-5 * random.standard_normal(4000)
+    found = anti_windup_sum(increments + off, limited, 1e3, first=1e-4, told=flown)
+    assert np.abs(found - flown).max() < 0.01 * np.std(flown)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES
 from quadid_logs.autopilots.ardupilot.ranges import gain_ranges
-from quadid_logs.data.autotune import Twitching
+from quadid_logs.data.autotune import Doubling, Twitching
 from quadid_logs.data.tuning import GainNames, Tunable
 
 #: AP_Motors_Class.h, FRAME_CLASS: what is no multirotor with the controllers that are known here.
@@ -20,6 +20,8 @@ _NOT_TUNED: Final = {
     11: "a helicopter",
     13: "a helicopter",
 }
+#: The highest cut-off of the error's filter that QuikTune leaves in yaw [Hz].
+_QUIKTUNE_YAW_FLTE_HZ: Final = 2.0
 
 
 def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = None) -> Tunable:
@@ -40,14 +42,19 @@ def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = N
     return Tunable(
         axes=axes,
         obstacle=_obstacle(parameters),
-        procedures={axis: _autotune(parameters, AXIS_NAMES[axis]) for axis in ("roll", "pitch")},
+        procedures={
+            axis: (*_autotune(parameters, axis), _quiktune(parameters, name))
+            for axis, name in AXIS_NAMES.items()
+        },
     )
 
 
-def _autotune(parameters: Mapping[str, float], name: str) -> Twitching:
-    """Return AutoTune of roll or pitch, as in AC_AutoTune_Multi.cpp; in yaw it varies a filter."""
-    cutoff_hz = parameters.get(f"ATC_RAT_{name}_FLTD", 0.0)
-    return Twitching(
+def _autotune(parameters: Mapping[str, float], axis: str) -> Iterator[Twitching]:
+    """Yield AutoTune of roll or pitch, as in AC_AutoTune_Multi.cpp; in yaw it varies a filter."""
+    if axis == "yaw":
+        return
+    cutoff_hz = parameters.get(f"ATC_RAT_{AXIS_NAMES[axis]}_FLTD", 0.0)
+    yield Twitching(
         title="AutoTune",
         aggressiveness=min(max(parameters.get("AUTOTUNE_AGGR", 0.075), 0.05), 0.2),
         filter_hz=2.0 * cutoff_hz if 0.0 < cutoff_hz < math.inf else 0.0,
@@ -56,6 +63,37 @@ def _autotune(parameters: Mapping[str, float], name: str) -> Twitching:
         angle=(0.5, 40.0),
         integral_ratio=1.0,
         angle_back_off=0.9,
+    )
+
+
+def _quiktune(parameters: Mapping[str, float], name: str) -> Doubling:
+    """Return QuikTune of one axis, as in AP_Quicktune.cpp and VTOL-quicktune.lua."""
+
+    def option(short: str, default: float, older: str = "") -> float:
+        for prefix, each in (("QWIK_", short), ("QUIK_", older or short)):
+            if f"{prefix}{each}" in parameters:
+                return parameters[f"{prefix}{each}"]
+        return default
+
+    prefix, is_yaw = f"ATC_RAT_{name}_", name == "YAW"
+    filters = {}
+    if option("AUTO_FILTER", 1.0) > 0.0:
+        half_hz = 0.5 * parameters.get("INS_GYRO_FILTER", 20.0)
+        filters = {f"{prefix}FLTT": half_hz, f"{prefix}FLTD": half_hz}
+        error_hz = parameters.get(f"{prefix}FLTE", 0.0)
+        if is_yaw and not 0.0 < error_hz <= _QUIKTUNE_YAW_FLTE_HZ:
+            filters[f"{prefix}FLTE"] = _QUIKTUNE_YAW_FLTE_HZ
+    ratio = option("Y_PI_RATIO", 10.0) if is_yaw else option("RP_PI_RATIO", 1.0)
+    least = option("REDUCE_MAX", 20.0, "MAX_REDUCE")
+    return Doubling(
+        title="QuikTune",
+        filters=filters,
+        kept=1.0 - 0.01 * option("GAIN_MARGIN", 60.0),
+        least_of_flown=1.0 - 0.01 * least if 0.0 <= least < 100.0 else 0.0,
+        integral_ratio=1.0 / ratio if ratio >= 1.0 and parameters.get(f"{prefix}FF", 0.0) <= 0.0 else None,
+        highest_proportional=(option("YAW_P_MAX", 0.5) or math.inf) if is_yaw else math.inf,
+        highest_derivative=(option("YAW_D_MAX", 0.01) or math.inf) if is_yaw else math.inf,
+        lowers_p=not is_yaw,
     )
 
 

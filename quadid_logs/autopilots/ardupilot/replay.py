@@ -119,9 +119,11 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, name: str) -> Repl
     increments = pid["I"] * error * step
     limited = stood_still(rest, increments) if rows.limited is None else rows.limited
     begin = rows.settled()
-    start = rows.logged["I"][begin] if "I" in rows.logged else rest[begin]
+    told = rows.logged.get("I", rest)[begin:]
     integral = rest.copy()
-    integral[begin:] = anti_windup_sum(increments[begin:], limited[begin:], pid["IMAX"], first=float(start))
+    integral[begin:] = anti_windup_sum(
+        increments[begin:], limited[begin:], pid["IMAX"], first=float(told[0]), told=told
+    )
     values: dict[Term, FloatArray] = {"P": proportional, "I": integral, "D": derivative, "FF": forward}
     values["output"] = proportional + integral + derivative + forward + rows.added
     return ReplayedTerms(values, limited)

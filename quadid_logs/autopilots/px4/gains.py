@@ -37,7 +37,7 @@ def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = N
     return Tunable(
         axes=axes,
         obstacle=_obstacle(parameters),
-        procedures={axis: _autotune(parameters, name) for axis, (name, _) in AXIS_NAMES.items()},
+        procedures={axis: (_autotune(parameters, name),) for axis, (name, _) in AXIS_NAMES.items()},
     )
 
 
