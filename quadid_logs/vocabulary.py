@@ -278,6 +278,18 @@ VEHICLE_TYPES: Final = (
     "tracker",
     "unknown",
 )
+#: How a sentence calls them.
+VEHICLE_WORDS: Final = {
+    MULTIROTOR: "a multirotor",
+    "helicopter": "a helicopter",
+    "fixed-wing": "a fixed-wing aircraft",
+    "vtol": "a VTOL aircraft",
+    "rover": "a rover",
+    "boat": "a boat",
+    "submarine": "a submarine",
+    "tracker": "an antenna tracker",
+    "unknown": "a vehicle of unknown kind",
+}
 
 #: ``format`` in result.json of what a person has put into columns.
 TABLE_FORMAT: Final = "table"

@@ -114,8 +114,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL201",
                 "This is not a multirotor",
                 "The model (torque to angular acceleration of a hovering body) does not describe "
-                "aeroplanes, helicopters, rovers or boats.",
-                "Use a log of a multirotor.",
+                "aeroplanes, VTOLs, helicopters, rovers, boats or submarines, nor does this tool judge them.",
+                "Use a log of a multirotor. For another vehicle, take its autopilot's own log viewer.",
             ),
             _entry(
                 "QL202",
@@ -408,7 +408,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The control effectiveness has the wrong sign",
                 "More torque would turn the vehicle the other way. That is not physics: the signs of a "
                 "signal are wrong, or the controller's feedback was identified instead of the vehicle.",
-                "Check the axes of the log; fly with stronger excitation.",
+                "Fly larger stick doublets on this axis. If the sign stays wrong, check the signs of the "
+                "columns of a table, or how the flight controller is turned on the frame.",
             ),
             _entry(
                 "QL507",
@@ -589,7 +590,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL531",
-                "Yaw comes from a slow log",
+                "Yaw was identified from a slow log",
                 "Rates and torque were logged too slowly for roll and pitch. Yaw is slow enough: its "
                 "response to set-points between 0.3 and 2.5 Hz gives its effectiveness. The interval "
                 "allows 5 % for what happened between the samples. Validation data cannot confirm it, "

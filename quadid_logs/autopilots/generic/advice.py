@@ -126,7 +126,7 @@ class Advice:
         if log_format != "tlog":
             return ""
         return (
-            "A telemetry log is too slow for this and lacks the torque: use the log on the vehicle's card. "
+            "A telemetry log is too slow for this: use the log on the vehicle's card. "
         )
 
     def _logging(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -199,6 +199,9 @@ _PX4_AUTO: Final = {
     1: "AUTO_READY", 2: "AUTO_TAKEOFF", 3: "AUTO_LOITER", 4: "AUTO_MISSION", 5: "AUTO_RTL", 6: "AUTO_LAND",
     8: "AUTO_FOLLOW_TARGET", 9: "AUTO_PRECLAND", 10: "AUTO_VTOL_TAKEOFF",
 }  # fmt: skip
+#: MAV_TYPE_FIXED_WING, and one of those that hover, too.
+_FIXED_WING: Final = 1
+_VTOL: Final = 22
 _FIRMWARE: Final = re.compile(r"^(?:Ardu|APM:|Rover |Blimp |AntennaTracker|PX4 )\S*.*\d")
 _FRAME: Final = re.compile(r"^Frame: (.+)$")
 #: MAV_PARAM_TYPE of integers up to 32 bits; PX4 sends their bytes, ArduPilot their value.
@@ -226,7 +229,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         If the file holds no system of that id.
     """
     content = read_content(path, MESSAGES, system=system)
-    chosen, texts = content.chosen, _texts(content)
+    chosen, texts, parameters = content.chosen, _texts(content), _parameters(content)
     return FlightLog(
         path=str(path),
         format="tlog",
@@ -234,10 +237,10 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         n_bytes=content.n_bytes,
         signals=_signals(content),
         firmware=_firmware(content, texts),
-        vehicle_type=vehicle_type_of(chosen.mav_type),
+        vehicle_type=_vehicle_type(chosen.mav_type, parameters),
         vehicle_name=f"system {chosen.system_id}",
         frame=_frame(content, texts),
-        parameters=_parameters(content),
+        parameters=parameters,
         modes=_modes(content),
         texts=texts,
         lost=content.lost,
@@ -247,6 +250,12 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         utc_offset_s=_utc_offset_s(content),
         remarks=_remarks(content),
     )
+
+
+def _vehicle_type(mav_type: int, parameters: Mapping[str, float]) -> str:
+    """Tell a plane that hovers from one that does not: ArduPlane may say that either is fixed-wing."""
+    hovers = parameters.get("Q_ENABLE", 0.0) > 0.0
+    return vehicle_type_of(_VTOL if hovers and mav_type == _FIXED_WING else mav_type)
 
 
 def _signals(content: TlogContent) -> dict[str, tuple[Signal, ...]]:
