@@ -346,8 +346,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The centre of mass is not in the middle of the rotors",
                 "The rotors on one side carry more than those on the other. If they are alike, the centre "
                 "of mass is on that side.",
-                "Nothing to do while the motors work alike within the normal range. Otherwise move the "
-                "battery away from that side, until their outputs are alike.",
+                "Nothing to do while the motors of the two sides work alike within the normal range. "
+                "Otherwise move the battery away from that side, until they do.",
                 scope="vehicle",
             ),
             _entry(

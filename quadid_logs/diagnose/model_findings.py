@@ -414,7 +414,14 @@ def _from_slow_log(axis: _Axis) -> Finding | None:
     evidence = {**_evidence(axis), "low_hz": rounded(float(low_hz)), "cutoff_hz": rounded(float(cutoff_hz))}
     if axis.r2 > 0.0:
         return axis.finding("QL531", "warning", evidence)
-    return axis.finding("QL531", "error", evidence, title="Yaw was logged too slowly to be confirmed")
+    return finding(
+        "QL531",
+        "error",
+        evidence,
+        axes=(axis.name,),
+        title="Yaw was logged too slowly to be confirmed",
+        advice="Log rates and torque faster, as roll and pitch need it, too.",
+    )
 
 
 def _told_by_spectra(axis: _Axis) -> Finding | None:
