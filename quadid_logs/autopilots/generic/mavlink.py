@@ -17,7 +17,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.autopilots.generic.mav_type import frame_words, vehicle_type_of
-from quadid_logs.autopilots.modes import mode_changes
+from quadid_logs.autopilots.modes import ardupilot_modes, mode_changes
 from quadid_logs.autopilots.sources import (
     RPM,
     Built,
@@ -184,12 +184,6 @@ SOURCES: Final = (
 )  # fmt: skip
 MESSAGES: Final = messages_of(SOURCES) | {"PARAM_VALUE", "STATUSTEXT", "AUTOPILOT_VERSION", "SYSTEM_TIME"}
 
-#: ArduPilot's mode enumeration by vehicle; `vehicle_type_of` knows no others that fly it.
-_MODE_ENUMS: Final = {
-    "multirotor": "COPTER_MODE", "helicopter": "COPTER_MODE", "fixed-wing": "PLANE_MODE",
-    "vtol": "PLANE_MODE", "rover": "ROVER_MODE", "boat": "ROVER_MODE",
-    "submarine": "SUB_MODE", "tracker": "TRACKER_MODE",
-}  # fmt: skip
 #: PX4's src/modules/commander/px4_custom_mode.h.
 _PX4_MAIN: Final = {
     1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD", 7: "STABILIZED",
@@ -359,8 +353,8 @@ def _modes(content: TlogContent) -> tuple[ModeChange, ...]:
     message: MessageRows | None = content.messages.get("HEARTBEAT")
     if message is None:
         return ()
-    enum = _MODE_ENUMS.get(vehicle_type_of(content.chosen.mav_type), "")
-    names = enum_names(enum, f"{enum}_") if content.chosen.autopilot == _ARDUPILOT else {}
+    kind = vehicle_type_of(content.chosen.mav_type)
+    names = ardupilot_modes(kind) if content.chosen.autopilot == _ARDUPILOT else {}
     name_of = _px4_mode if content.chosen.autopilot == _PX4 else names.get
     return mode_changes(message.rows["custom_mode"], content.time_s(message), message.position, name_of)
 
