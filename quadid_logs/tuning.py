@@ -41,7 +41,7 @@ from quadid_logs.diagnose.findings import finding
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.spectra import WINDOW_S
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import AXES, MULTIROTOR, VEHICLE_WORDS
+from quadid_logs.vocabulary import AXES, MULTIROTOR, vehicle_words
 
 #: Two gains are the same, as they are typed in and held in single precision.
 _SAME_GAIN: Final = 1e-3
@@ -96,7 +96,7 @@ def recommend(
         obstacle = named(log.autopilot).title
         because = f"the rate controller of this autopilot ({obstacle}) is not modelled"
     else:
-        kind = "" if log.vehicle_type == MULTIROTOR else VEHICLE_WORDS[log.vehicle_type]
+        kind = "" if log.vehicle_type == MULTIROTOR else vehicle_words(log.vehicle_type)
         obstacle = tunable.obstacle or kind
         because = f"this is {obstacle}"
     if tunable is None or obstacle:

@@ -18,7 +18,7 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.errors import SettingsError
 from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import MULTIROTOR, VEHICLE_WORDS
+from quadid_logs.vocabulary import MULTIROTOR, vehicle_words
 
 
 def plan(
@@ -142,7 +142,7 @@ def plan(
             )
         if flown.vehicle_type not in (MULTIROTOR, "unknown"):
             raise SettingsError(
-                f"{printable(like)} is a log of {VEHICLE_WORDS[flown.vehicle_type]}.",
+                f"{printable(like)} is a log of {vehicle_words(flown.vehicle_type)}.",
                 hint="Plans are for multirotors: give a log of one, or leave --like out.",
             )
         planned = make(flown.autopilot, axis or (), version or flown.version, flown.parameters, known=known)
