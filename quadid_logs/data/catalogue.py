@@ -920,8 +920,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL630",
                 "Lower these gains: they leave too little margin for the next flight",
-                "In the worst case that has to be expected on the next flight, the flown gains have less "
-                "margin than required. Lower gains have more.",
+                "In the worst case that has to be expected on the next flight, the flown gains leave less "
+                "margin than required. Lower gains leave more.",
                 "Load the file, hover first, and heed the warning beside these gains.",
                 scope="gains",
             ),
