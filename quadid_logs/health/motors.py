@@ -24,6 +24,7 @@ _RANGE_US: Final = 1000.0
 #: Rounding of outputs at an end of their range; the steps of a pulse are a thousandth.
 _AT_END: Final = 2e-3
 _FEWEST: Final = 20
+_RARELY: Final = 0.01
 #: With one rotor of a way, its own weakness is not told from a yaw torque.
 _FEWEST_OF_A_WAY: Final = 2
 #: A motor within this fraction of the longest arm of an axis lies on it.
@@ -81,12 +82,12 @@ def find_motors(
     names = motor_names(torque, values.shape[1])
     against_yaw = _against_yaw(torque, as_sent, pulses=pulses)
     highest = values.max(axis=1)
-    headroom = Quantity(1.0 - float(np.percentile(highest, 99.0)), "1") if known else None
+    headroom = Quantity(1.0 - float(np.percentile(highest, 100.0 * (1.0 - _RARELY))), "1") if known else None
     at_high = Quantity(float(np.mean(highest >= 1.0 - _AT_END)), "1") if known else None
     at_low = Quantity(float(np.mean(values.min(axis=1) <= _AT_END)), "1") if known else None
     short = averaged(record._replace(time_s=record.time_s[good], values=values))
     return Motors(
-        sentence=_sentence(names, mean, spread, level, at_high, headroom) + against_yaw,
+        sentence=_sentence(names, mean, spread, level, at_high, headroom) + _at_idle(at_low) + against_yaw,
         level=level,
         names=names,
         unit="1" if known else "us",
@@ -128,6 +129,16 @@ def _place(position: FloatArray) -> str:
     along = "" if abs(x) < _ON_AXIS else ("front" if x > 0.0 else "back")
     across = "" if abs(y) < _ON_AXIS else ("right" if y > 0.0 else "left")
     return " ".join(filter(None, (along, across))) or "middle"
+
+
+def _at_idle(at_low: Quantity | None) -> str:
+    """Say that a motor can give no less; headroom, too, is told of 99 % of the flight."""
+    if at_low is None or at_low.value <= _RARELY:
+        return ""
+    return (
+        f" A motor is at its lower limit in {number(100.0 * at_low.value, 2)} % of the flight, where it can "
+        "give no less."
+    )
 
 
 def _against_yaw(torque: TorqueModel | None, as_sent: FloatArray, *, pulses: bool) -> str:

@@ -120,6 +120,16 @@ def test_pulses_of_unknown_range_are_compared_and_not_held_against_limits() -> N
     assert motors.at_high is None
 
 
+@pytest.mark.parametrize(("share", "told"), [(0.3, True), (0.0, False)])
+def test_a_motor_at_idle_is_told_as_one_at_full(share: float, told: bool) -> None:
+    """Of a flight with a motor at idle in four fifths of it, only the reserve at the top was told."""
+    t, values = outputs((0.3, 0.3, 0.3, 0.3), spread=0.02)
+    values[: int(share * t.size), 1] = 0.0
+    motors = find_motors(series("motor_thrust", t, values), QUAD, ((t[0], t[-1]),))
+    assert motors is not None
+    assert ("lower limit in 30 % of the flight" in motors.sentence) == told
+
+
 def test_the_share_of_time_at_the_limit_is_that_of_the_flight() -> None:
     """One motor at full output in a tenth of the flight."""
     t, values = outputs((0.5, 0.5, 0.5, 0.5))

@@ -137,8 +137,8 @@ def _refuse_others(path: str | Path, dialect: Dialect, texts: Mapping[str, str])
     if not name:
         raise UnknownFormatError(
             f"{path} is a Blackbox log whose header names no firmware.",
-            hint="If the file was cut off, fetch it again from the vehicle. Otherwise export it to a table in "
-            "SI units.",
+            hint="If the file was cut off, fetch it again from the vehicle. Otherwise export it to a table "
+            "in SI units.",
         )
     hint = _OTHERS.get(name, "Its fields have other scales and signs: export them to a table in SI units.")
     if name in _KNOWN:
