@@ -711,9 +711,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "A peak above the fitted band bounds the gain margin",
                 "The spectrum of the rate has a peak there, strong or weak: an arm, a mount or a load that "
                 "bends, or a propeller. What bends adds gain to the loop. The gain margin and its interval "
-                "allow for it.",
-                "Look for what bends or is loose, and stiffen it; or put a notch at that frequency. Do "
-                "not raise gains before that.",
+                "allow for it. A log that is slower than the loop may show faster vibration there, as of a "
+                "propeller's blades.",
+                "Look for what bends or is loose, and stiffen it; or put a notch at that frequency if a log "
+                "at the rate of the loop shows the peak, too. Do not raise gains before that.",
                 scope="loop",
             ),
             _entry(
