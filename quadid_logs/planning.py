@@ -248,11 +248,22 @@ def make_plan(
         duration_s=_AROUND_S + (flown_s or _DOUBLETS_PER_AXIS_S * len(chosen)),
         parameters=parameters,
         excitations=MappingProxyType(excitations),
-        model=setup.airframe.name if known is None else "the log",
-        air=air or ("breeze" if known is None else "the log's"),
+        model=_model_words(known, chosen, setup.airframe.name),
+        air=air or ("the log's" if any(_of_log(known, axis) for axis in chosen) else "breeze"),
         wanted=wanted,
         propeller_inch=propeller_inch,
     )
+
+
+def _model_words(known: Result | None, axes: Sequence[str], simulated: str) -> str:
+    """Name whose model the excitation is for: a log need not tell of every axis."""
+    if known is None:
+        return simulated
+    untold = [axis for axis in axes if _of_log(known, axis) is None]
+    if not untold:
+        return "the log"
+    told = "" if len(untold) == len(axes) else "the log, and "
+    return f"{told}{simulated}, since the log tells nothing of {' and '.join(untold)}"
 
 
 def _check(propeller_inch: float, air: str, wanted: float) -> None:
@@ -285,7 +296,7 @@ def _excitations(
     found = {}
     for axis in axes:
         number = AXES.index(axis)
-        flown = None if known is None else _of_log(known, axis)
+        flown = _of_log(known, axis)
         plant, controller, own_air = flown or _Known(
             nominal_plant(setup, number), true_controller(setup, number), None
         )
@@ -305,8 +316,10 @@ def _excitations(
     return found
 
 
-def _of_log(known: Result, axis: str) -> _Known | None:
+def _of_log(known: Result | None, axis: str) -> _Known | None:
     """Return what a flight tells of an axis; None where its loop is not known."""
+    if known is None:
+        return None
     model, closed = known.identification.recommended, known.closed_loop
     if model is None or closed is None:
         return None

@@ -41,7 +41,7 @@ from quadid_logs.diagnose.findings import finding
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.spectra import WINDOW_S
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import AXES, MULTIROTOR
+from quadid_logs.vocabulary import AXES, MULTIROTOR, vehicle_words
 
 #: Two gains are the same, as they are typed in and held in single precision.
 _SAME_GAIN: Final = 1e-3
@@ -94,12 +94,18 @@ def recommend(
     # Name what no gains are given for.
     if tunable is None:
         obstacle = named(log.autopilot).title
-    elif tunable.obstacle:
-        obstacle = tunable.obstacle
+        because = f"the rate controller of this autopilot ({obstacle}) is not modelled"
     else:
-        obstacle = "" if log.vehicle_type == MULTIROTOR else log.vehicle_type
+        kind = "" if log.vehicle_type == MULTIROTOR else vehicle_words(log.vehicle_type)
+        obstacle = tunable.obstacle or kind
+        because = f"this is {obstacle}"
     if tunable is None or obstacle:
-        reason = finding("QL610", "warning", {"autopilot": log.autopilot, "vehicle": obstacle})
+        reason = finding(
+            "QL610",
+            "warning",
+            {"autopilot": log.autopilot, "vehicle": obstacle},
+            title=f"No gains are recommended: {because}",
+        )
         refused = AxisTuning(verdict="refused", reasons=(reason,))
         return Tuning(axes=dict.fromkeys(axes, refused), limits=limits, ranges=ranges)
     known = {}

@@ -285,6 +285,23 @@ VEHICLE_TYPES: Final = (
     "tracker",
     "unknown",
 )
+_VEHICLE_WORDS: Final = {
+    MULTIROTOR: "a multirotor",
+    "helicopter": "a helicopter",
+    "fixed-wing": "a fixed-wing aircraft",
+    "vtol": "a VTOL aircraft",
+    "rover": "a rover",
+    "boat": "a boat",
+    "submarine": "a submarine",
+    "tracker": "an antenna tracker",
+    "unknown": "a vehicle of unknown kind",
+}
+
+
+def vehicle_words(vehicle_type: str) -> str:
+    """Return what a sentence calls a vehicle of one of `VEHICLE_TYPES`, or of a type that is none of them."""
+    return _VEHICLE_WORDS.get(vehicle_type, "another vehicle")
+
 
 #: ``format`` in result.json of what a person has put into columns.
 TABLE_FORMAT: Final = "table"

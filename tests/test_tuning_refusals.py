@@ -329,6 +329,22 @@ def test_a_vtol_is_refused_by_name() -> None:
     assert [one.code for one in found.reasons] == ["QL610"]
 
 
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"vehicle_type": "fixed-wing"}, "a fixed-wing aircraft"),
+        ({"autopilot": "cleanflight"}, "Cleanflight"),
+    ],
+)
+def test_a_refusal_of_all_gains_names_the_vehicle_or_the_autopilot(
+    changes: dict[str, str], named: str
+) -> None:
+    """Where a pilot reads first, not in the evidence."""
+    result = flown("ardupilot")
+    found = recommend(replace(result, log=replace(result.log, **changes)), GOOD, ["roll"]).axes["roll"]  # type: ignore[arg-type]
+    assert named in found.reasons[0].title
+
+
 def test_the_manual_lists_every_sabotage_by_name() -> None:
     """Beside the code that refuses it."""
     rows = [

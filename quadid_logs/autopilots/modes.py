@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from quadid_logs.containers.mavlink_dialect import enum_names
 from quadid_logs.data.log import ModeChange
+
+#: ArduPilot's mode enumeration by vehicle; there are no others that fly it.
+_MODE_ENUMS: Final = {
+    "multirotor": "COPTER_MODE", "helicopter": "COPTER_MODE", "fixed-wing": "PLANE_MODE",
+    "vtol": "PLANE_MODE", "rover": "ROVER_MODE", "boat": "ROVER_MODE",
+    "submarine": "SUB_MODE", "tracker": "TRACKER_MODE",
+}  # fmt: skip
+
+
+def ardupilot_modes(vehicle_type: str) -> Mapping[int, str]:
+    """Return the names of ArduPilot's flight modes by number, empty for a vehicle of unknown kind."""
+    enum = _MODE_ENUMS.get(vehicle_type, "")
+    return enum_names(enum, f"{enum}_")
 
 
 def mode_changes(

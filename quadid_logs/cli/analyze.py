@@ -246,8 +246,9 @@ def _result_of(logs: list[Path], wish: _Wish, progress: Progress) -> Result:
         return analyze_log(logs[0], wish.settings, vehicle=wish.vehicle, progress=progress)
     except SeveralLogsError as several:
         report_problem(
-            f"{logs[0].name} holds {len(several.logs)} logs with frames. Log {several.longest}, the longest, "
-            "is analyzed. Choose another one with --log N; info lists them."
+            f"{logs[0].name} holds {len(several.logs)} logs. Log {several.longest}, the longest "
+            f"({several.durations_s[several.longest]:.1f} s), is analyzed. Choose another one with --log N; "
+            "info lists them."
         )
         settings = replace(wish.settings, log=several.longest)
     return analyze_log(logs[0], settings, vehicle=wish.vehicle, progress=progress)

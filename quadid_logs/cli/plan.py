@@ -18,15 +18,20 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.errors import SettingsError
 from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
+from quadid_logs.vocabulary import MULTIROTOR, vehicle_words
 
 
 def plan(
     autopilot: Annotated[
         str,
         typer.Option(
-            "--autopilot", metavar="NAME", help="Whose parameters to set.", autocompletion=autopilots
+            "--autopilot",
+            metavar="NAME",
+            help="Whose parameters to set [default: that of --like].",
+            autocompletion=autopilots,
+            show_default=False,
         ),
-    ],
+    ] = "",
     axis: Annotated[
         list[str] | None,
         typer.Option(
@@ -114,23 +119,33 @@ def plan(
     version = None if firmware is None else parse_version(firmware)
     described = None if vehicle is None else read_vehicle(vehicle)
     make = partial(make_plan, vehicle=described, propeller_inch=propeller, air=air, wanted=interval / 100.0)
-    planned = make(autopilot.lower(), axis or (), version)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
     if like is None and settings != Settings():
         raise SettingsError("These options choose from a log.", hint="Name it with --like LOG.")
-    if like is not None:
+    if like is None and not autopilot:
+        raise SettingsError(
+            "The autopilot is not known.", hint="Name it with --autopilot, or give a flown log with --like."
+        )
+    if like is None:
+        planned = make(autopilot.lower(), axis or (), version)
+    else:
         check_log(like)
+        # A wrong name or axis is said at once, not after a log was analyzed.
+        wanted_of = make(autopilot.lower(), axis or (), version).autopilot if autopilot else ""
         with Progress("plan", quiet=quiet) as progress:
             progress("analyzing the log")
             known = analyze(like, settings, vehicle=described)
         flown = known.log
-        if flown.autopilot != planned.autopilot:
+        if wanted_of not in ("", flown.autopilot):
             raise SettingsError(
                 f"{printable(like)} is a log of {flown.autopilot}.", hint="Give a log of the same autopilot."
             )
-        planned = make(
-            planned.autopilot, planned.axes, version or flown.version, flown.parameters, known=known
-        )
+        if flown.vehicle_type not in (MULTIROTOR, "unknown"):
+            raise SettingsError(
+                f"{printable(like)} is a log of {vehicle_words(flown.vehicle_type)}.",
+                hint="Plans are for multirotors: give a log of one, or leave --like out.",
+            )
+        planned = make(flown.autopilot, axis or (), version or flown.version, flown.parameters, known=known)
     texts = parameter_files(planned) | live_files(planned)
     files = {name: text.encode() for name, text in texts.items()}
     if output is not None:

@@ -190,9 +190,12 @@ def _only_one(file: FileParts, starts: Sequence[int], accept: Accept | None) -> 
             durations_s[number] = frames.duration_s
     if len(found) < 2:
         return next(iter(found), 1)
+    n_empty = len(starts) - len(found)
     raise SeveralLogsError(
-        f"{file.path} holds {len(starts)} logs, {len(found)} of them with frames.",
-        hint=f"Choose one with --log N: {', '.join(map(str, found))}.",
+        f"{file.path} holds {len(found)} logs" + (f" and {n_empty} empty ones." if n_empty else "."),
+        hint="Choose one with --log N: "
+        + ", ".join(f"{number} ({length_s:.1f} s)" for number, length_s in durations_s.items())
+        + ".",
         logs=tuple(found.values()),
         durations_s=durations_s,
     )

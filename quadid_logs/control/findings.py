@@ -83,15 +83,15 @@ def _line(axis: str, found: AxisLoop) -> Finding | None:
     low = gain is not None and gain.ci95[0] < GOOD.gain_db
     line = f"{rounded(frame.line_hz, 3):g} Hz about {axis}"
     advice = (
-        f"Look for what bends or is loose at {line}: stiffen it, or put a notch at that frequency. Do not "
-        "raise gains before that."
+        f"Look for what bends or is loose at {line}: stiffen it, or put a notch there if a log at the rate "
+        "of the loop shows the peak, too. Do not raise gains before that."
     )
     # A loop near its limit makes a line of its own at its crossover; what bends takes margin, too.
     if room_of(margins) <= Room.POOR:
         advice = (
             f"The line at {line} may be the loop itself, which has little margin. Do not raise gains, and "
             "fly with more margin first. If the line stays, look for what bends or is loose: stiffen it, or "
-            "put a notch there."
+            "put a notch there if a log at the rate of the loop shows the line, too."
         )
     return finding("QL607", "warning" if low else "info", evidence, axes=(axis,), advice=advice)
 

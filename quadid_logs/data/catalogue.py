@@ -114,8 +114,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL201",
                 "This is not a multirotor",
                 "The model (torque to angular acceleration of a hovering body) does not describe "
-                "aeroplanes, helicopters, rovers or boats.",
-                "Use a log of a multirotor.",
+                "aeroplanes, VTOLs, helicopters, rovers, boats or submarines, nor does this tool judge them.",
+                "Use a log of a multirotor. For another vehicle, take its autopilot's own log viewer.",
             ),
             _entry(
                 "QL202",
@@ -346,8 +346,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The centre of mass is not in the middle of the rotors",
                 "The rotors on one side carry more than those on the other. If they are alike, the centre "
                 "of mass is on that side.",
-                "Nothing to do while the motors work alike within the normal range. Otherwise move the "
-                "battery away from that side, until their outputs are alike.",
+                "Nothing to do while the motors of the two sides work alike within the normal range. "
+                "Otherwise move the battery away from that side, until they do.",
                 scope="vehicle",
             ),
             _entry(
@@ -408,7 +408,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The control effectiveness has the wrong sign",
                 "More torque would turn the vehicle the other way. That is not physics: the signs of a "
                 "signal are wrong, or the controller's feedback was identified instead of the vehicle.",
-                "Check the axes of the log; fly with stronger excitation.",
+                "Fly larger stick doublets on this axis. If the sign stays wrong, check the signs of the "
+                "columns of a table, or how the flight controller is turned on the frame.",
             ),
             _entry(
                 "QL507",
@@ -589,7 +590,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             ),
             _entry(
                 "QL531",
-                "Yaw comes from a slow log",
+                "Yaw was identified from a slow log",
                 "Rates and torque were logged too slowly for roll and pitch. Yaw is slow enough: its "
                 "response to set-points between 0.3 and 2.5 Hz gives its effectiveness. The interval "
                 "allows 5 % for what happened between the samples. Validation data cannot confirm it, "
@@ -710,9 +711,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "A peak above the fitted band bounds the gain margin",
                 "The spectrum of the rate has a peak there, strong or weak: an arm, a mount or a load that "
                 "bends, or a propeller. What bends adds gain to the loop. The gain margin and its interval "
-                "allow for it.",
-                "Look for what bends or is loose, and stiffen it; or put a notch at that frequency. Do "
-                "not raise gains before that.",
+                "allow for it. A log that is slower than the loop may show faster vibration there, as of a "
+                "propeller's blades.",
+                "Look for what bends or is loose, and stiffen it; or put a notch at that frequency if a log "
+                "at the rate of the loop shows the peak, too. Do not raise gains before that.",
                 scope="loop",
             ),
             _entry(
@@ -929,8 +931,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL630",
                 "Lower these gains: they leave too little margin for the next flight",
-                "In the worst case that has to be expected on the next flight, the flown gains have less "
-                "margin than required. Lower gains have more.",
+                "In the worst case that has to be expected on the next flight, the flown gains leave less "
+                "margin than required. Lower gains leave more.",
                 "Load the file, hover first, and heed the warning beside these gains.",
                 scope="gains",
             ),

@@ -49,9 +49,11 @@ def find_in_data(log: FlightLog, data: FlightData, identification: Identificatio
     # Without a flight, a pilot must be told of that first.
     if not data.flights:
         yield _no_flight(data)
-    if rate is None:
+    # A log that covers no time would hold them later: how it is logged is not to be blamed.
+    covers_time = data.duration_s > 0.0
+    if rate is None and covers_time:
         yield finding("QL301", "error", {"found": logged}, advice=advice)
-    if torque is None:
+    if torque is None and covers_time:
         yield _no_torque(data, advice)
     # A few rows have no rate: where nothing was flown either, they ask for no other way of logging.
     sources = [source for source in (rate, torque) if source is not None and (source.rate_hz or data.flights)]

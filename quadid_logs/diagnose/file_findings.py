@@ -12,7 +12,7 @@ from quadid_logs.data.model import Identification
 from quadid_logs.data.result import PooledLog
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.maths.random_effect import random_effect
-from quadid_logs.vocabulary import AXES, MULTIROTOR
+from quadid_logs.vocabulary import AXES, MULTIROTOR, vehicle_words
 
 #: Under one per thousand of the rows what was repaired or left out changes no estimate.
 _NOTABLE_REPAIRS = 1e-3
@@ -170,5 +170,5 @@ def _vehicle(log: FlightLog) -> Iterator[Finding]:
             "QL201",
             "error",
             {"vehicle_type": log.vehicle_type, "firmware": log.firmware},
-            title=f"This is not a multirotor but a {log.vehicle_type} vehicle",
+            title=f"This is not a multirotor but {vehicle_words(log.vehicle_type)}",
         )

@@ -412,7 +412,16 @@ def _from_slow_log(axis: _Axis) -> Finding | None:
     band = axis.model.band
     low_hz, cutoff_hz = (math.nan, math.nan) if band is None else (band.low_hz[0], band.cutoff_hz[0])
     evidence = {**_evidence(axis), "low_hz": rounded(float(low_hz)), "cutoff_hz": rounded(float(cutoff_hz))}
-    return axis.finding("QL531", "warning" if axis.r2 > 0.0 else "error", evidence)
+    if axis.r2 > 0.0:
+        return axis.finding("QL531", "warning", evidence)
+    return finding(
+        "QL531",
+        "error",
+        evidence,
+        axes=(axis.name,),
+        title="Yaw was logged too slowly to be confirmed",
+        advice="Log rates and torque faster, as roll and pitch need it, too.",
+    )
 
 
 def _told_by_spectra(axis: _Axis) -> Finding | None:

@@ -228,6 +228,8 @@ def _layout(figure: Figure, columns: int, *, narrow: bool = False) -> dict[str, 
         },
         "shapes": [],
         "annotations": [],
+        # A decimal point, and nothing between thousands: seconds of a log are no sums of money.
+        "separators": ".",
     }
     top = 1.0
     for row, (panels, height) in enumerate(zip(rows, heights, strict=True)):
@@ -283,7 +285,8 @@ def _add_axes(
     x_id, y_id = _axis_id("x", number), _axis_id("y", number)
     x_axis = _axis(panel, "x", domains[0]) | {"anchor": y_id, "showticklabels": labelled}
     if figure.low:
-        x_axis |= {"nticks": 4, "tickangle": 0}
+        # Three beside each other: the times of a log take seven letters each.
+        x_axis |= {"nticks": 3, "tickangle": 0}
     if not labelled:
         x_axis.pop("title")
     if figure.over_time and number > 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final
 
@@ -22,6 +23,7 @@ from quadid_logs.health.standstill import find_standstill
 from quadid_logs.health.steps import find_angle_lags, find_responses, find_steps
 from quadid_logs.health.tracking import find_tracking
 from quadid_logs.health.vibration import find_vibration
+from quadid_logs.numerals import number
 from quadid_logs.vocabulary import MULTIROTOR
 
 __all__ = ["faults_of", "health_of"]
@@ -48,6 +50,9 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
 _FED_FORWARD: Final = (
     "this controller uses its rate set-points as feed-forward only, so the rates do not follow them"
 )
+#: Take-off and touch-down are cut off by a second each: less flight than that between them is a hop, or a
+#: vehicle that is pushed about on the ground.
+_LEAST_FLIGHT_S: Final = 2.0
 _WORDS: Final[Mapping[str, str]] = {
     "body_rate": "body rates",
     "body_rate_setpoint": "rate set-points",
@@ -77,11 +82,9 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     Health
     """
     intervals = data.flights
-    reason = "" if intervals else data.on_ground_reason or "no flight was found"
-    if prepared.log.vehicle_type not in (MULTIROTOR, "unknown"):
-        reason = "this is not a multirotor"
+    reason = _nothing_to_judge(prepared, data)
     sent = commanded_thrust(prepared)
-    standstill = _standstill(prepared, sent)
+    standstill = _standstill(prepared, sent, (-math.inf, math.inf))
     if reason:
         return Health(standstill=standstill, missing=dict.fromkeys(_NEEDS, reason))
     series = {name: one for name, one in prepared.series.items() if one.n_samples >= 2}
@@ -141,13 +144,38 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     return Health(**found, standstill=standstill, missing=missing)
 
 
-def _standstill(prepared: Prepared, sent: Commanded | None) -> Standstill | None:
-    """Look at all of the log: a vehicle with a motor that stands still does not fly for long."""
+def _nothing_to_judge(prepared: Prepared, data: FlightData) -> str:
+    """Return why the log shows no flight of a multirotor that could be judged; empty where it does."""
+    if prepared.log.vehicle_type not in (MULTIROTOR, "unknown"):
+        return "this is not a multirotor"
+    if not data.flights:
+        return data.on_ground_reason or "no flight was found"
+    flown_s = sum(end_s - start_s for start_s, end_s in data.flights)
+    if flown_s < _LEAST_FLIGHT_S:
+        return f"the {number(flown_s, 2)} s of flight are too short to judge the vehicle by"
+    return ""
+
+
+def _since_the_flight_before(prepared: Prepared, flights: Sequence[Interval]) -> Interval:
+    """Return what of a log belongs to these of its flights: each ends what began after the one before."""
+    if not flights:
+        return -math.inf, math.inf
+    start_s, end_s = flights[0][0], flights[-1][1]
+    before = max((last for _, last in prepared.flights if last <= start_s), default=-math.inf)
+    is_last = not any(first >= end_s for first, _ in prepared.flights)
+    return before, math.inf if is_last else end_s
+
+
+def _standstill(prepared: Prepared, sent: Commanded | None, part: Interval) -> Standstill | None:
+    """Look on the ground, too: a vehicle with a motor that stands still does not fly for long."""
     speed, motors = prepared.series.get("rotor_speed"), prepared.series.get("motor_thrust")
     if speed is None or speed.n_samples < 2:
         return None
     outputs = motors if sent is None else sent.series
     if outputs is None or outputs.n_samples < 2:
+        return None
+    speed = speed.take(speed.within(*part))
+    if speed.n_samples < 2:
         return None
     n_rotors = outputs.n_columns if sent is None else len(sent.place)
     return find_standstill(outputs, speed, motor_names(prepared.log.torque, n_rotors))
@@ -167,12 +195,14 @@ def faults_of(prepared: Prepared, data: FlightData) -> Health:
     Health
     """
     intervals = data.flights
-    if not intervals or prepared.log.vehicle_type not in (MULTIROTOR, "unknown"):
-        return Health(missing=dict.fromkeys(_NEEDS, "no flight of a multirotor was found"))
+    sent = commanded_thrust(prepared)
+    standstill = _standstill(prepared, sent, _since_the_flight_before(prepared, intervals))
+    if reason := _nothing_to_judge(prepared, data):
+        return Health(standstill=standstill, missing=dict.fromkeys(_NEEDS, reason))
     clips = prepared.candidates.get("accelerometer_clips", ())
     series = {name: one for name, one in prepared.series.items() if one.n_samples >= 2}
     rotors, vibration = (
-        find_rotors(prepared, commanded_thrust(prepared), intervals),
+        find_rotors(prepared, sent, intervals),
         find_vibration(series, clips, intervals, prepared.candidates),
     )
     looked_at = {"rotors": rotors, "vibration": vibration}
@@ -181,7 +211,7 @@ def faults_of(prepared: Prepared, data: FlightData) -> Health:
         for name in _NEEDS
         if looked_at.get(name) is None
     }
-    return Health(rotors=rotors, vibration=vibration, missing=missing)
+    return Health(rotors=rotors, vibration=vibration, standstill=standstill, missing=missing)
 
 
 def _in_place_of(

@@ -24,6 +24,9 @@ _RANGE_US: Final = 1000.0
 #: Rounding of outputs at an end of their range; the steps of a pulse are a thousandth.
 _AT_END: Final = 2e-3
 _FEWEST: Final = 20
+_RARELY: Final = 0.01
+#: With one rotor of a way, its own weakness is not told from a yaw torque.
+_FEWEST_OF_A_WAY: Final = 2
 #: A motor within this fraction of the longest arm of an axis lies on it.
 _ON_AXIS: Final = 0.2
 
@@ -65,7 +68,8 @@ def find_motors(
     if len(values) < _FEWEST or not values.std(axis=0).all():
         return None
     # What is published counts in microseconds, of the outputs as they were sent.
-    spread = Quantity(float(np.ptp(values.mean(axis=0))), "us" if pulses else "1", normal=(0.0, _WARN_US))
+    as_sent = values.mean(axis=0)
+    spread = Quantity(float(np.ptp(as_sent)), "us" if pulses else "1", normal=(0.0, _WARN_US))
     if not pulses:
         spread = spread._replace(normal=(0.0, _WARN_US / _RANGE_US))
     spread_us = spread.value * (1.0 if pulses else _RANGE_US)
@@ -76,13 +80,14 @@ def find_motors(
         values = (values - limits[0]) / (limits[1] - limits[0])
     mean = values.mean(axis=0)
     names = motor_names(torque, values.shape[1])
+    against_yaw = _against_yaw(torque, as_sent, pulses=pulses)
     highest = values.max(axis=1)
-    headroom = Quantity(1.0 - float(np.percentile(highest, 99.0)), "1") if known else None
+    headroom = Quantity(1.0 - float(np.percentile(highest, 100.0 * (1.0 - _RARELY))), "1") if known else None
     at_high = Quantity(float(np.mean(highest >= 1.0 - _AT_END)), "1") if known else None
     at_low = Quantity(float(np.mean(values.min(axis=1) <= _AT_END)), "1") if known else None
     short = averaged(record._replace(time_s=record.time_s[good], values=values))
     return Motors(
-        sentence=_sentence(names, mean, spread, level, at_high, headroom),
+        sentence=_sentence(names, mean, spread, level, at_high, headroom) + _at_idle(at_low) + against_yaw,
         level=level,
         names=names,
         unit="1" if known else "us",
@@ -124,6 +129,41 @@ def _place(position: FloatArray) -> str:
     along = "" if abs(x) < _ON_AXIS else ("front" if x > 0.0 else "back")
     across = "" if abs(y) < _ON_AXIS else ("right" if y > 0.0 else "left")
     return " ".join(filter(None, (along, across))) or "middle"
+
+
+def _at_idle(at_low: Quantity | None) -> str:
+    """Say that a motor can give no less; headroom, too, is told of 99 % of the flight."""
+    if at_low is None or at_low.value <= _RARELY:
+        return ""
+    return (
+        f" A motor is at its lower limit in {number(100.0 * at_low.value, 2)} % of the flight, where it can "
+        "give no less."
+    )
+
+
+def _against_yaw(torque: TorqueModel | None, as_sent: FloatArray, *, pulses: bool) -> str:
+    """Say that all rotors that turn one way work harder than all others, by more than is normal of any two.
+
+    Neither a load that was moved nor one weak rotor does that.
+    """
+    if torque is None or torque.n_rotors != as_sent.size:
+        return ""
+    ways = {
+        "counter-clockwise": as_sent[torque.spin > 0.0],
+        "clockwise": as_sent[torque.spin < 0.0],
+    }
+    if min(outputs.size for outputs in ways.values()) < _FEWEST_OF_A_WAY:
+        return ""
+    harder = max(ways, key=lambda way: float(ways[way].mean()))
+    less = max(float(outputs.max()) for way, outputs in ways.items() if way != harder)
+    apart = float(ways[harder].min()) - less
+    if apart <= (_WARN_US if pulses else _WARN_US / _RANGE_US):
+        return ""
+    told = f"{apart:.0f} µs" if pulses else f"{100.0 * apart:.0f} % of the range"
+    return (
+        f" All motors that turn {harder} work at least {told} harder than the others: the vehicle holds "
+        "against a yaw torque. Check that no motor and no arm is twisted."
+    )
 
 
 def _sentence(

@@ -102,7 +102,11 @@ def _judged(time_s: FloatArray, worst: FloatArray) -> _Judgement:
         )
         return _Judgement(words, "normal", off)
     level: Level = "severe" if largest >= _FAIL_RAD else "high"
-    limit = f"beyond {fail:.0f} deg the vehicle does not follow" if level == "severe" else "normal is never"
+    limit = (
+        f"beyond {fail:.0f} deg the vehicle does not follow"
+        if level == "severe"
+        else "in a normal flight that never happens"
+    )
     words = (
         f"Roll or pitch is off by more than {warn:.0f} deg for longer than {_LASTS_S:g} s, in "
         f"{number(100.0 * share, 2)} % of the flight and by up to {most:.0f} deg: {limit}."

@@ -12,6 +12,7 @@ from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.health import Level, Quantity, Vibration
 from quadid_logs.health.records import Record, averaged, in_flight, records
+from quadid_logs.numerals import number
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
 _Measure = Literal["vibration", "vibration_level", "specific_force"]
@@ -186,7 +187,7 @@ def _rise(counts: FloatArray) -> FloatArray:
 
 def _sentence(measured: _Measured, value: float, column: str, clips: Quantity | None) -> str:
     axis = f" along {column}" if column else ""
-    told = f"{measured.words} is below {value:.1f} m/s²{axis} in 99 % of the flight"
+    told = f"{measured.words} is below {number(value, 3)} m/s²{axis} in 99 % of the flight"
     if measured.limits:
         high, severe = measured.limits
         if value <= high:

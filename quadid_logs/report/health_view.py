@@ -57,6 +57,7 @@ class HealthLine:
     level: str
     style: str
     sentence: str
+    judged: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,6 +89,7 @@ def health_view(result: Result) -> HealthView:
             sentence=printable(
                 f"{topic.sentence}{_hint(result, health) if name == 'oscillation' else _advice(topic)}", 800
             ),
+            judged=topic.says_what_is_normal,
         )
         for name, topic in health.topics.items()
     )
@@ -167,5 +169,5 @@ def health_lines(result: Result) -> tuple[str, ...]:
         At most one for each chart.
     """
     return tuple(
-        f"  {line.name.lower()}: {line.sentence}" for line in health_view(result).lines if line.level
+        f"  {line.name.lower()}: {line.sentence}" for line in health_view(result).lines if line.judged
     )

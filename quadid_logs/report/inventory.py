@@ -23,7 +23,7 @@ from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.commands import like_log
 from quadid_logs.report.health_json import health_dict
 from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, strict_text
-from quadid_logs.report.log_tables import spans_text
+from quadid_logs.report.log_tables import flights_text, spans_text
 from quadid_logs.report.numbers import number, size
 from quadid_logs.sentences import some
 from quadid_logs.untrusted import printable
@@ -156,7 +156,7 @@ def _facts(log: FlightLog, data: FlightData) -> tuple[tuple[str, str], ...]:
             if log.has_time
             else "not logged",
         ),
-        ("flights", spans_text(data.flights) or printable(data.on_ground_reason) or "none"),
+        ("flights", flights_text(log, data)),
         ("analyzable", spans_text((part.start_s, part.end_s) for part in data.segments) or "nothing"),
         (
             "lost",

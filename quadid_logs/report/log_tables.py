@@ -16,7 +16,7 @@ from quadid_logs.report.numbers import number, percent, seconds, size
 from quadid_logs.report.words import pretty_unit, signal_name
 from quadid_logs.sentences import some
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import SIGNALS
+from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
 #: What a model rests on; the other signals say when the vehicle flew and what the mixer did.
 _MAIN_SIGNALS = frozenset({"torque_n_m", "torque_command", "body_rate", "attitude", "throttle"})
@@ -41,7 +41,7 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
         ("Frame", printable(log.frame, 80) or "not stated"),
         ("Clock", _clock(data)),
         ("Torque", _torque(data.input)),
-        ("Flights", spans_text(data.flights) or printable(data.on_ground_reason) or "none"),
+        ("Flights", flights_text(log, data)),
         (
             "Analyzed" if result.identification.recommended else "Without gaps",
             spans_text((item.start_s, item.end_s) for item in data.segments) or "nothing",
@@ -106,6 +106,13 @@ def _counted(count: int, one: str, many: str) -> str:
     ('1 block', '0 blocks')
     """
     return f"{count} {one if count == 1 else many}"
+
+
+def flights_text(log: FlightLog, data: FlightData) -> str:
+    """Return the flights in words, or why there is none; a rover's drives are none either."""
+    if log.vehicle_type not in (MULTIROTOR, "unknown"):
+        return "this is not a multirotor"
+    return spans_text(data.flights) or printable(data.on_ground_reason) or "none"
 
 
 def spans_text(spans: Iterable[tuple[float, float]]) -> str:

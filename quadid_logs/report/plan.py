@@ -164,9 +164,9 @@ def excitation_lines(plan: Plan) -> Iterator[str]:
         )
     yield ""
     yield (
-        f"Computed for the model of {printable(plan.model, 60)}, in this air: {plan.air}. The last column is "
-        "the half width of the 95 % interval of the control effectiveness that the analysis of such a flight "
-        "gives. It is wider where the flight cannot rule out a dead zone or another effect."
+        f"Computed for the model of {printable(plan.model, 120)}, in this air: {plan.air}. The last column "
+        "is the half width of the 95 % interval of the control effectiveness that the analysis of such a "
+        "flight gives. It is wider where the flight cannot rule out a dead zone or another effect."
     )
     short = [axis for axis, one in plan.excitations.items() if one.half_width > _MISSED * plan.wanted]
     if short:

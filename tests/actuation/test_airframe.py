@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -205,3 +206,10 @@ def test_a_command_turns_a_vehicle_of_unequal_rotors_about_its_own_axis_only() -
     turned = np.vstack([-places[:, 1], places[:, 0], ratio_m, np.ones(6)]) @ given
     np.testing.assert_allclose(turned - np.diag(np.diag(turned)), 0.0, atol=2e-2)
     assert (np.diag(turned) > [0.5, 0.5, 0.05, 30.0]).all()
+
+
+@pytest.mark.parametrize(("vehicle_type", "kind"), [("rover", Unknown), ("multirotor", Airframe)])
+def test_the_frame_class_of_a_rover_is_no_quad(vehicle_type: str, kind: type) -> None:
+    """FRAME_CLASS 1 of a rover is a rover; `info` listed four motors."""
+    log = log_of({"FRAME_CLASS": 1.0, "FRAME_TYPE": 0.0})
+    assert isinstance(find_airframe(replace(log, vehicle_type=vehicle_type)), kind)

@@ -341,10 +341,12 @@ def test_a_throttle_in_per_mille_beside_the_torque_is_brought_to_one(corpus: Pat
     assert 0.3 < np.nanmedian(throttle.values) < 0.6
 
 
-def test_modes_have_names_where_the_number_is_a_copter_s() -> None:
+def test_modes_have_the_names_of_their_vehicle() -> None:
     """Other vehicles number their modes differently."""
     assert mode_name(25, "multirotor") == "SYSTEMID"
     assert mode_name(25, "rover") == "mode 25"
+    assert mode_name(11, "fixed-wing") == "RTL"
+    assert mode_name(19, "submarine") == "MANUAL"
     assert mode_name("Stabilize", "multirotor") == "STABILIZE"
     assert mode_name("5", "multirotor") == "LOITER"
 

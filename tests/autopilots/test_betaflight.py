@@ -136,7 +136,6 @@ def test_the_clock_of_32_bits_turns_over(tmp_path: Path) -> None:
         ("QuickSilver v0.1", "QuickSilver", "QuickSilver"),
         ("Butterflight 4.0.0 (abc) F4", "Cleanflight", "Butterflight"),
         ("f0e8c3a", "Baseflight", "Baseflight"),
-        ("", "", "an unknown firmware"),
     ],
 )
 def test_other_firmware_is_refused_by_its_name(revision: str, kind: str, name: str, tmp_path: Path) -> None:
@@ -144,6 +143,14 @@ def test_other_firmware_is_refused_by_its_name(revision: str, kind: str, name: s
     names = {"Firmware__revision": revision, "Firmware__type": kind}
     with pytest.raises(UnknownFormatError, match=f"log of {name}, not"):
         made(tmp_path, {"gyroADC[0]": np.zeros(40)}, **names)
+
+
+def test_a_header_that_ends_before_it_names_its_firmware_may_be_cut_off(tmp_path: Path) -> None:
+    """Of a file of 100 bytes it was said that its firmware's scales are others."""
+    names = {"Firmware__revision": "", "Firmware__type": ""}
+    with pytest.raises(UnknownFormatError, match="names no firmware") as error:
+        made(tmp_path, {"gyroADC[0]": np.zeros(40)}, **names)
+    assert "cut off" in error.value.hint
 
 
 PIDS = {"rollPID": "45,80,30", "pitchPID": "47,84,34", "yawPID": "45,80,0"}

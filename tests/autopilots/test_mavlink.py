@@ -138,6 +138,21 @@ def test_modes_have_the_names_of_their_autopilot(tmp_path: Path) -> None:
     assert [mode.name for mode in read_log(path).modes] == ["POSCTL", "AUTO_RTL"]
 
 
+@pytest.mark.parametrize(("hovers", "vehicle_type"), [(1.0, "vtol"), (0.0, "fixed-wing")])
+def test_a_plane_that_hovers_is_told_by_its_parameters(
+    tmp_path: Path, hovers: float, vehicle_type: str
+) -> None:
+    """ArduPlane's heartbeat says fixed wing of both."""
+    sender = make.Sender()
+    packets = [
+        sender.heartbeat(kind=1),
+        sender.stamped("PARAM_VALUE", param_id=b"Q_ENABLE", param_value=hovers, param_type=2),
+    ]
+    path = tmp_path / "log"
+    path.write_bytes(b"".join(packets) + sender.attitude(0) + sender.attitude(1))
+    assert read_log(path).vehicle_type == vehicle_type
+
+
 @pytest.mark.corpus
 @pytest.mark.parametrize(
     ("name", "vehicle_type"),

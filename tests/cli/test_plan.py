@@ -120,6 +120,34 @@ def test_a_plan_like_a_log_keeps_what_is_set_on_its_vehicle(
     assert written((tmp_path / "plan" / "logging-back.param").read_text()) == {"LOG_BITMASK": "176126"}
     assert main(["plan", "--autopilot", "px4", *like, "--force"]) == 2
     assert "is a log of ardupilot" in capsys.readouterr().err
+    # The log says whose it is.
+    assert main(["plan", "--axis", "yaw", *like, "--force"]) == 0
+    assert written((tmp_path / "plan" / "logging-back.param").read_text()) == {"LOG_BITMASK": "176126"}
+
+
+def test_without_autopilot_and_log_nothing_is_planned(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["plan", "--axis", "yaw"]) == 2
+    assert "--like" in capsys.readouterr().err
+
+
+@pytest.mark.corpus
+def test_no_multirotor_is_planned_for_by_the_log_of_a_plane(
+    corpus: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It got doublets and a mask of a copter."""
+    assert main(["plan", "--like", str(corpus / "real/plane423-fastlog-real.bin")]) == 2
+    assert "a fixed-wing aircraft" in capsys.readouterr().err
+
+
+def test_a_plan_like_a_log_without_a_model_says_whose_model_it_is_computed_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The card spoke of the model of the log, of which there was none."""
+    like = ["--like", "sample_logs/default-logging.bin", "-o", str(tmp_path / "plan")]
+    assert main(["plan", "--axis", "roll", *like]) == 0
+    printed = capsys.readouterr().out
+    assert "the log tells nothing of roll" in printed
+    assert "model of the log" not in printed
 
 
 def test_a_plan_for_a_vehicle_that_nobody_knows_says_when_not_to_load_its_mask() -> None:

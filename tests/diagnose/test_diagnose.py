@@ -218,9 +218,17 @@ def test_several_systems_in_one_file_are_named() -> None:
 
 def test_a_log_without_torque_or_rates_says_which_is_missing() -> None:
     """Two findings, two codes."""
-    log = flight_log()
+    log = flight_log(signal("throttle", MINUTE, np.full((len(MINUTE), 1), 0.4)))
     diagnosis = judge(align(log, AlignSettings()), log)
     assert {"QL301", "QL302"} <= codes(diagnosis)
+
+
+def test_a_log_that_covers_no_time_is_not_said_to_be_logged_wrongly() -> None:
+    """Its pilot was told to update the firmware and to log rates."""
+    log = flight_log()
+    diagnosis = judge(align(log, AlignSettings()), log)
+    assert "QL401" in codes(diagnosis)
+    assert not {"QL301", "QL302"} & codes(diagnosis)
 
 
 def test_a_vehicle_that_stayed_on_the_ground_is_refused() -> None:

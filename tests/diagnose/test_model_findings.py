@@ -401,3 +401,20 @@ def test_a_lag_or_delay_at_the_end_of_its_range_is_told(
         return dataclasses.replace(model, actuator=dataclasses.replace(model.actuator, **{name: value}))
 
     assert ("QL507" in found(good, late)) is told
+
+
+@pytest.mark.parametrize(("r2", "level"), [(0.4, "warning"), (-0.3, "error")])
+def test_a_yaw_of_a_slow_log_that_explains_nothing_is_not_offered_for_comparisons(
+    good: Identification, r2: float, level: str
+) -> None:
+    """It was refused, and the advice spoke of comparing it."""
+    first, *others = good.models
+    validation = dataclasses.replace(
+        first.validation, r2_acceleration={**first.validation.r2_acceleration, "r_dot": r2}
+    )
+    slow = dataclasses.replace(
+        good, only_yaw=True, models=(dataclasses.replace(first, validation=validation), *others)
+    )
+    (one,) = (one for one in find_in_models(flight_log(), slow) if one.code == "QL531")
+    assert one.level == level
+    assert ("Compare" in one.advice) == (level == "warning")

@@ -45,6 +45,49 @@ def test_the_corner_that_works_hardest_is_named(means: tuple[float, ...], level:
     assert motors.spread.value == pytest.approx(max(means) - min(means), abs=0.005)
 
 
+@pytest.mark.parametrize(
+    ("means", "way"),
+    [
+        ((0.30, 0.34, 0.61, 0.62), "turn clockwise work"),
+        ((0.62, 0.61, 0.34, 0.30), "turn counter-clockwise work"),
+        # A weak rotor, and a load at the back.
+        ((0.70, 0.50, 0.50, 0.52), ""),
+        ((0.40, 0.60, 0.40, 0.60), ""),
+    ],
+)
+def test_a_yaw_torque_is_told_by_all_rotors_of_a_way_of_turning(means: tuple[float, ...], way: str) -> None:
+    """A twisted arm: no battery that is moved mends that."""
+    t, values = outputs(means)
+    motors = find_motors(series("motor_thrust", t, values), QUAD, ((t[0], t[-1]),))
+    assert motors is not None
+    assert ("yaw torque" in motors.sentence) == bool(way)
+    assert way in motors.sentence
+
+
+def test_a_yaw_torque_is_told_in_pulses_as_they_were_sent() -> None:
+    """Between 1100 and 1900 us a tenth of the range is 80 us."""
+    t, values = outputs((0.40, 0.40, 0.52, 0.52), spread=0.02)
+    torque = TorqueModel(
+        position=POSITION,
+        spin=QUAD.spin,
+        channels=(1, 2, 3, 4),
+        output_range_us=(np.full(4, 1100.0), np.full(4, 1900.0)),
+    )
+    motors = find_motors(series("output_pwm", t, 1100.0 + 800.0 * values), torque, ((t[0], t[-1]),))
+    assert motors is not None
+    assert "µs harder" in motors.sentence
+
+
+def test_vibration_of_a_simulator_is_small_and_not_zero() -> None:
+    """It was told as below 0.0 m/s²."""
+    t = grid(10.0)
+    found = find_vibration(
+        {"vibration_level": series("vibration_level", t, np.full((t.size, 1), 0.0123))}, (), ((t[0], t[-1]),)
+    )
+    assert found is not None
+    assert "below 0.0123 m/s²" in found.sentence
+
+
 def test_pulses_are_taken_by_channel_and_range() -> None:
     """Motors on channels 9 to 12 between 1120 and 1880 us: half of that range is 1500."""
     t, values = outputs((0.5, 0.5, 0.5, 0.58))
@@ -75,6 +118,16 @@ def test_pulses_of_unknown_range_are_compared_and_not_held_against_limits() -> N
     assert motors.unit == "us"
     assert motors.headroom is None
     assert motors.at_high is None
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.3, True), (0.0, False)])
+def test_a_motor_at_idle_is_told_as_one_at_full(share: float, told: bool) -> None:
+    """Of a flight with a motor at idle in four fifths of it, only the reserve at the top was told."""
+    t, values = outputs((0.3, 0.3, 0.3, 0.3), spread=0.02)
+    values[: int(share * t.size), 1] = 0.0
+    motors = find_motors(series("motor_thrust", t, values), QUAD, ((t[0], t[-1]),))
+    assert motors is not None
+    assert ("lower limit in 30 % of the flight" in motors.sentence) == told
 
 
 def test_the_share_of_time_at_the_limit_is_that_of_the_flight() -> None:

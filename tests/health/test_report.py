@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from quadid_logs import result_dict
 from quadid_logs.data.health import Health
 from quadid_logs.figures import CHAPTERS, figures_of
+from quadid_logs.health.course import find_tilt
 from quadid_logs.report.health_view import health_lines, health_view
+from tests.health.flights import grid, series
 from tests.synthetic_results import refused_result, synthetic_health, usable_result
 
 TOPICS = {"tracking", "noise", "filters", "vibration", "motors", "battery", "oscillation", "rotors"}
@@ -37,6 +41,16 @@ def test_the_terminal_gets_the_judged_charts_only() -> None:
     """A number that nobody published a norm for stays on the page."""
     lines = health_lines(replace(refused_result(), health=synthetic_health()))
     assert [line.split(":")[0].strip() for line in lines] == ["oscillation", "motors", "vibration", "battery"]
+
+
+def test_the_terminal_is_told_of_a_vehicle_that_turned_over() -> None:
+    """It heard of every flight that stayed upright, and nothing of a crash."""
+    t = grid(50.0)
+    tilted = np.zeros((t.size, 3))
+    tilted[t.size // 2 :, 0] = np.radians(120.0)
+    tilt = find_tilt(series("attitude", t, tilted), ((t[0], t[-1]),))
+    (line,) = health_lines(replace(refused_result(), health=Health(tilt=tilt)))
+    assert "loss of control" in line
 
 
 def test_an_oscillation_hints_at_gains_only_where_tuning_knows_the_way() -> None:

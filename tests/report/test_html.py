@@ -316,6 +316,15 @@ def test_findings_speak_in_words() -> None:
     assert not any("_" in text for pair in shown.evidence for text in pair)
 
 
+def test_no_flight_of_what_does_not_hover_is_spoken_of() -> None:
+    """A rover's log was told to hold ten seconds of flight."""
+    result = refused_result()
+    rover = replace(result, log=replace(result.log, vehicle_type="rover"))
+    subtitle = view_of(rover, provenance_of("x")).subtitle
+    assert "a rover" in subtitle
+    assert "flight" not in subtitle
+
+
 def test_a_log_without_a_model_does_not_claim_an_analysis() -> None:
     """It says what was flown, or that nothing was."""
     result = refused_result()

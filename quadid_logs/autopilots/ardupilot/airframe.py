@@ -12,6 +12,7 @@ from quadid_logs.actuation.airframe import Airframe, Unknown
 from quadid_logs.autopilots.ardupilot.frames import frame_geometry
 from quadid_logs.data.log import FlightLog, whole_number
 from quadid_logs.errors import ShapeError
+from quadid_logs.vocabulary import MULTIROTOR, vehicle_words
 
 #: SRV_Channel.h: k_motor1 to k_motor8 are 33 to 40, k_motor9 to k_motor12 are 82 to 85.
 _MOTOR_FUNCTIONS: Final = {**{33 + i: i for i in range(8)}, **{82 + i: 8 + i for i in range(4)}}
@@ -44,6 +45,11 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
     -------
     Airframe or Unknown
     """
+    if log.vehicle_type not in (MULTIROTOR, "vtol", "unknown"):
+        # A rover has a FRAME_CLASS, too, of which 1 is no quad.
+        return Unknown(
+            remark=f"The frame of {vehicle_words(log.vehicle_type)} has no rotors that are judged."
+        )
     prefix = motor_prefix(log.parameters)
     number = log.parameters.get(f"{prefix}FRAME_CLASS")
     if number is not None:

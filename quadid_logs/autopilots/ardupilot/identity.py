@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from quadid_logs.autopilots.modes import ardupilot_modes
 from quadid_logs.data.log import whole_number
 
 #: ArduPilot libraries/AP_Vehicle/AP_Vehicle_Type.h, logged as VER.BU.
@@ -100,13 +101,13 @@ def identify_vehicle(
 
 
 def mode_name(mode: str | float, vehicle_type: str) -> str:
-    """Return a flight mode's name: as logged, from the table for copters, or its number."""
+    """Return a flight mode's name: as logged, from the tables by vehicle, or its number."""
     if isinstance(mode, str) and not (mode.isascii() and mode.isdigit()):
         return mode.upper()
     number = whole_number(float(mode), -1)
     if vehicle_type in ("multirotor", "helicopter") and number in COPTER_MODES:
         return COPTER_MODES[number]
-    return f"mode {number}"
+    return ardupilot_modes(vehicle_type).get(number) or f"mode {number}"
 
 
 def _refine_type(flown_by: str, parameters: Mapping[str, float], frame_text: str) -> str:

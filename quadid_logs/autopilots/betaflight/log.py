@@ -135,12 +135,16 @@ def _refuse_others(path: str | Path, dialect: Dialect, texts: Mapping[str, str])
     name = firmware_of(texts).name
     if name == dialect.name:
         return
+    if not name:
+        raise UnknownFormatError(
+            f"{path} is a Blackbox log whose header names no firmware.",
+            hint="If the file was cut off, fetch it again from the vehicle. Otherwise export it to a table "
+            "in SI units.",
+        )
     hint = _OTHERS.get(name, "Its fields have other scales and signs: export them to a table in SI units.")
     if name in _KNOWN:
         hint = "The first log of the file is of other firmware: split the file."
-    raise UnknownFormatError(
-        f"{path} is a Blackbox log of {name or 'an unknown firmware'}, not of {dialect.name}.", hint=hint
-    )
+    raise UnknownFormatError(f"{path} is a Blackbox log of {name}, not of {dialect.name}.", hint=hint)
 
 
 def _time_s(main: FrameTable) -> FloatArray:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from quadid_logs.autopilots import LogFormat
 from quadid_logs.autopilots.betaflight.family import BlackboxFamily
+
+if TYPE_CHECKING:
+    from quadid_logs.autopilots.generic.advice import Advice
 
 
 class Cleanflight(BlackboxFamily):
@@ -18,6 +23,13 @@ class Cleanflight(BlackboxFamily):
 
         suffixes = (".bbl",)
         return (LogFormat("blackbox", "Cleanflight Blackbox", is_mine, read, suffixes, read_numbered=read),)
+
+    @property
+    def advice(self) -> Advice:
+        """Flight mode, and choice of a log."""
+        from quadid_logs.autopilots.cleanflight.advice import ADVICE
+
+        return ADVICE
 
 
 AUTOPILOT = Cleanflight()

@@ -125,9 +125,7 @@ class Advice:
         """Say of a telemetry log that the vehicle's own is to be used."""
         if log_format != "tlog":
             return ""
-        return (
-            "A telemetry log is too slow for this and lacks the torque: use the log on the vehicle's card. "
-        )
+        return "A telemetry log is too slow for this: use the log on the vehicle's card. "
 
     def _logging(
         self,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -17,7 +17,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.autopilots.generic.mav_type import frame_words, vehicle_type_of
-from quadid_logs.autopilots.modes import mode_changes
+from quadid_logs.autopilots.modes import ardupilot_modes, mode_changes
 from quadid_logs.autopilots.sources import (
     RPM,
     Built,
@@ -184,12 +184,6 @@ SOURCES: Final = (
 )  # fmt: skip
 MESSAGES: Final = messages_of(SOURCES) | {"PARAM_VALUE", "STATUSTEXT", "AUTOPILOT_VERSION", "SYSTEM_TIME"}
 
-#: ArduPilot's mode enumeration by vehicle; `vehicle_type_of` knows no others that fly it.
-_MODE_ENUMS: Final = {
-    "multirotor": "COPTER_MODE", "helicopter": "COPTER_MODE", "fixed-wing": "PLANE_MODE",
-    "vtol": "PLANE_MODE", "rover": "ROVER_MODE", "boat": "ROVER_MODE",
-    "submarine": "SUB_MODE", "tracker": "TRACKER_MODE",
-}  # fmt: skip
 #: PX4's src/modules/commander/px4_custom_mode.h.
 _PX4_MAIN: Final = {
     1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD", 7: "STABILIZED",
@@ -199,6 +193,9 @@ _PX4_AUTO: Final = {
     1: "AUTO_READY", 2: "AUTO_TAKEOFF", 3: "AUTO_LOITER", 4: "AUTO_MISSION", 5: "AUTO_RTL", 6: "AUTO_LAND",
     8: "AUTO_FOLLOW_TARGET", 9: "AUTO_PRECLAND", 10: "AUTO_VTOL_TAKEOFF",
 }  # fmt: skip
+#: MAV_TYPE_FIXED_WING, and one of those that hover, too.
+_FIXED_WING: Final = 1
+_VTOL: Final = 22
 _FIRMWARE: Final = re.compile(r"^(?:Ardu|APM:|Rover |Blimp |AntennaTracker|PX4 )\S*.*\d")
 _FRAME: Final = re.compile(r"^Frame: (.+)$")
 #: MAV_PARAM_TYPE of integers up to 32 bits; PX4 sends their bytes, ArduPilot their value.
@@ -226,7 +223,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         If the file holds no system of that id.
     """
     content = read_content(path, MESSAGES, system=system)
-    chosen, texts = content.chosen, _texts(content)
+    chosen, texts, parameters = content.chosen, _texts(content), _parameters(content)
     return FlightLog(
         path=str(path),
         format="tlog",
@@ -234,10 +231,10 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         n_bytes=content.n_bytes,
         signals=_signals(content),
         firmware=_firmware(content, texts),
-        vehicle_type=vehicle_type_of(chosen.mav_type),
+        vehicle_type=_vehicle_type(chosen.mav_type, parameters),
         vehicle_name=f"system {chosen.system_id}",
         frame=_frame(content, texts),
-        parameters=_parameters(content),
+        parameters=parameters,
         modes=_modes(content),
         texts=texts,
         lost=content.lost,
@@ -247,6 +244,12 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         utc_offset_s=_utc_offset_s(content),
         remarks=_remarks(content),
     )
+
+
+def _vehicle_type(mav_type: int, parameters: Mapping[str, float]) -> str:
+    """Tell a plane that hovers from one that does not: ArduPlane may say that either is fixed-wing."""
+    hovers = parameters.get("Q_ENABLE", 0.0) > 0.0
+    return vehicle_type_of(_VTOL if hovers and mav_type == _FIXED_WING else mav_type)
 
 
 def _signals(content: TlogContent) -> dict[str, tuple[Signal, ...]]:
@@ -350,8 +353,8 @@ def _modes(content: TlogContent) -> tuple[ModeChange, ...]:
     message: MessageRows | None = content.messages.get("HEARTBEAT")
     if message is None:
         return ()
-    enum = _MODE_ENUMS.get(vehicle_type_of(content.chosen.mav_type), "")
-    names = enum_names(enum, f"{enum}_") if content.chosen.autopilot == _ARDUPILOT else {}
+    kind = vehicle_type_of(content.chosen.mav_type)
+    names = ardupilot_modes(kind) if content.chosen.autopilot == _ARDUPILOT else {}
     name_of = _px4_mode if content.chosen.autopilot == _PX4 else names.get
     return mode_changes(message.rows["custom_mode"], content.time_s(message), message.position, name_of)
 
