@@ -41,7 +41,7 @@ _TILT_1_S2 = (2.0 * np.pi * 0.4) ** 2
 #: a power of none to one.
 _BY_THROTTLE = 0.5
 #: Propellers measured on stands have an expo of 0.2 to 0.8 (docs/method.md), most of them: a deviation of
-#: 0.15; so has what a firmware was told, and what is asked for is the difference.
+#: 0.15; so has what a firmware was told, and the difference is what counts.
 _EXPO = 0.15 * 2.0**0.5
 #: Of the curve's derivative by the expo, which is smooth.
 _CURVE_POINTS = 1000
