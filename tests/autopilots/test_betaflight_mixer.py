@@ -29,7 +29,7 @@ from tests.autopilots.test_betaflight import MIX, SAG
 def flown() -> Record:
     """Doublets with both settings, on a battery that is full."""
     (setup,) = plan_flights(
-        SCENARIOS["doublets"], seed=1, duration_s=18.0, rate_hz=200.0, autopilot="betaflight"
+        SCENARIOS["doublets"], seed=1, duration_s=30.0, rate_hz=200.0, autopilot="betaflight"
     )
     effects = replace(setup.effects, thrust_linear=0.4, sag_compensation=1.0)
     return fly(replace(setup, effects=effects))
