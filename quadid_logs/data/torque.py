@@ -131,6 +131,11 @@ class AssumedExpo:
         """Mean of ``slope_by_expo``, which the scale of the thrust takes; the rest is of each axis."""
         return sum(self.slope_by_expo) / len(self.slope_by_expo)
 
+    @property
+    def own_slopes(self) -> FloatArray:
+        """What is left of ``slope_by_expo`` beside its mean; shape (3,)."""
+        return np.array(self.slope_by_expo) - self.mean_slope
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueComparison:

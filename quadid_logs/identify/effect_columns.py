@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.flight import FlightData, InputDescription
+from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.model import Effect
 from quadid_logs.data.torque import AssumedExpo
 from quadid_logs.identify.rotors import Rotors, beside_linear_lag, rotors_known
@@ -233,8 +233,7 @@ def _by_curve(signals: FlownSignals) -> Iterator[EffectColumn]:
         return
     if any(each.thrust_by_expo is None for each in segments):
         return
-    own = np.array(described.expo.slope_by_expo) - described.expo.mean_slope
-    lifts = [np.asarray(each.rotor_thrust - each.torque @ by_torque.T) for each in segments]
+    lifts = _lifts(segments, by_torque)
     thrust, by_expo = (
         np.concatenate([np.ravel(getattr(each, name)) for each in segments])
         for name in ("rotor_thrust", "thrust_by_expo")
@@ -243,7 +242,13 @@ def _by_curve(signals: FlownSignals) -> Iterator[EffectColumn]:
     points = slice(None, None, max(1, levels.size // _CURVE_POINTS))
     curve = levels[points], by_expo[first][points]
     made = [
-        partial(_other_curve, lift=each, curve=curve, mixing=(per_thrust, by_torque), own=own)
+        partial(
+            _other_curve,
+            lift=each,
+            curve=curve,
+            mixing=(per_thrust, by_torque),
+            own=described.expo.own_slopes,
+        )
         for each in lifts
     ]
     # What an expo makes of the effectiveness of all axes comes and goes with the lift.
@@ -389,12 +394,7 @@ def _late_rotors(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn]:
     if not (rotors_known(signals.data) and per_thrust.size):
         return
     segments = [record.segment for record in signals.records]
-    # What the rotors give beside this torque: the lift, as it was flown.
-    lift = [
-        np.asarray(each.rotor_thrust - each.torque @ by_torque.T)
-        for each in segments
-        if each.rotor_thrust is not None
-    ]
+    lift = _lifts(segments, by_torque)
     for asymmetry in _ASYMMETRIES:
         rotors = Rotors(lag_s / (1.0 + asymmetry), lag_s / (1.0 - asymmetry))
         made = [
@@ -410,6 +410,15 @@ def _late_rotors(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn]:
         column = signals.column("asymmetry", made, lost=True, spread=1.0, weight=1.0 / len(_ASYMMETRIES))
         if column is not None:
             yield column
+
+
+def _lifts(segments: Sequence[Segment], by_torque: FloatArray) -> list[FloatArray]:
+    """Return what known rotors give beside the torque, as it was flown; (n_samples, n_rotors) a segment."""
+    return [
+        np.asarray(each.rotor_thrust - each.torque @ by_torque.T)
+        for each in segments
+        if each.rotor_thrust is not None
+    ]
 
 
 def _late(

@@ -180,7 +180,7 @@ def torques_by_expo(chunks: Sequence[Segment], described: InputDescription) -> l
     """
     per_thrust, expo = described.torque_per_thrust, described.expo
     # What the slope of an axis on the command changes by, beyond what the scale of the thrust does.
-    own = 0.0 if expo is None else np.array(expo.slope_by_expo) - expo.mean_slope
+    own = 0.0 if expo is None else expo.own_slopes
     return [
         np.zeros_like(chunk.torque)
         if chunk.thrust_by_expo is None or per_thrust is None
