@@ -240,7 +240,10 @@ def _explained(axis: _Axis) -> str:
 
 
 def _wrong_sign(axis: _Axis) -> Finding | None:
-    return None if axis.on_axis.value > 0.0 else axis.finding("QL506", "error", _evidence(axis) | _gain(axis))
+    """Refuse a torque that turns the vehicle the other way; an interval that holds both signs is too wide."""
+    if axis.on_axis.value > 0.0 or axis.on_axis.ci95[1] >= 0.0:
+        return None
+    return axis.finding("QL506", "error", _evidence(axis) | _gain(axis))
 
 
 def _is_wide(axis: _Axis) -> bool:

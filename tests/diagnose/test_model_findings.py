@@ -198,6 +198,15 @@ def test_an_effectiveness_of_the_wrong_sign_is_refused(good: Identification) -> 
     assert found(good, lambda model: with_gain(model, -1.01, -0.99, -1.0))["QL506"] == "error"
 
 
+def test_an_effectiveness_that_may_have_either_sign_is_too_wide_and_not_of_the_wrong_one(
+    good: Identification,
+) -> None:
+    """-0.5, from -6 to 6: nothing says that the torque turns the vehicle the other way."""
+    told = found(good, lambda model: with_gain(model, -6.0, 6.0, -0.5))
+    assert "QL506" not in told
+    assert told["QL505"] == "error"
+
+
 @pytest.mark.parametrize(
     ("spread", "level"), [(0.09, None), (0.12, "warning"), (0.24, "warning"), (0.27, "error")]
 )
