@@ -11,7 +11,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.model import Effect
-from quadid_logs.data.torque import AssumedExpo
+from quadid_logs.data.torque import AssumedExpo, HeldScale
 from quadid_logs.identify.rotors import Rotors, beside_linear_lag, rotors_known
 from quadid_logs.identify.spectral import SpectralSolution, command_records, spectra_of
 from quadid_logs.identify.torque_errors import half_steps
@@ -19,7 +19,7 @@ from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rotations import tilt_from_rates
-from quadid_logs.maths.thrust_curve import slopes_at
+from quadid_logs.maths.thrust_curve import slope_at, slopes_at
 
 #: Where dead zones and limits are looked for, as quantiles of the torque's size.
 _DEAD_ZONES: Final = (0.1, 0.2, 0.35, 0.5, 0.65)
@@ -238,6 +238,9 @@ def _by_curve(signals: FlownSignals) -> Iterator[EffectColumn]:
         np.concatenate([np.ravel(getattr(each, name)) for each in segments])
         for name in ("rotor_thrust", "thrust_by_expo")
     )
+    if described.expo.held in (HeldScale.WEIGHT, HeldScale.FULL):
+        # What an expo makes of the scale is no effect: another slope in hover would pass for the curve.
+        by_expo = by_expo - slope_at(thrust, by_expo, float(np.mean(thrust))) * thrust
     levels, first = np.unique(thrust, return_index=True)
     points = slice(None, None, max(1, levels.size // _CURVE_POINTS))
     curve = levels[points], by_expo[first][points]

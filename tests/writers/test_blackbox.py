@@ -125,7 +125,7 @@ def test_only_a_quad_x_flies_with_betaflight() -> None:
 @pytest.fixture(scope="module")
 def in_angle_mode(tmp_path_factory: pytest.TempPathFactory) -> tuple[Simulation, FlightLog]:
     """A flight whose sticks ask for angles, as it was flown and as its file is read."""
-    flown = simulate("pilot-sticks", seed=2, duration_s=12.0, rate_hz=200.0, autopilot="betaflight")
+    flown = simulate("pilot-sticks", seed=2, duration_s=15.0, rate_hz=200.0, autopilot="betaflight")
     path = tmp_path_factory.mktemp("angle") / "flight.bbl"
     write_log(flown.log, path)
     return flown, read_log(path)
