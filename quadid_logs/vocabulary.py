@@ -285,6 +285,8 @@ VEHICLE_TYPES: Final = (
     "tracker",
     "unknown",
 )
+#: Why nothing of another vehicle is judged.
+NOT_A_MULTIROTOR: Final = "this is not a multirotor"
 _VEHICLE_WORDS: Final = {
     MULTIROTOR: "a multirotor",
     "helicopter": "a helicopter",

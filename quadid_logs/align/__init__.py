@@ -34,7 +34,7 @@ from quadid_logs.errors import SettingsError
 from quadid_logs.maths.grid import step_of
 from quadid_logs.maths.resampling import fill_gaps, resample, resample_held
 from quadid_logs.maths.rotations import quaternion_from_euler, rotation_matrix, unwrapped
-from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
+from quadid_logs.vocabulary import NOT_A_MULTIROTOR, SIGNALS
 
 __all__ = ["Prepared", "assemble", "check_part", "clean", "cut"]
 
@@ -110,13 +110,12 @@ def clean(log: FlightLog) -> CleanLog:
     }
     flights = find_flights(choose_sources(candidates), _span(clock))
     # Why there is no flight; of what has no rotors nothing is said that speaks of them.
-    is_known = log.vehicle_type not in (MULTIROTOR, "unknown")
     return CleanLog(
         log=log,
         clock=clock,
         candidates=candidates,
         flights=flights.intervals,
-        on_ground_reason="this is not a multirotor" if flights.reason and is_known else flights.reason,
+        on_ground_reason=NOT_A_MULTIROTOR if flights.reason and not log.may_be_multirotor else flights.reason,
     )
 
 
@@ -187,7 +186,8 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
     span = _span(clock)
     intervals = _clip(prepared.flights, settings)
     period_s = _period_s(torque, settings)
-    is_identifiable = _may_be_multirotor(log) and log.has_time
+    # Of any other vehicle nothing is cut out to identify: the model would not fit it.
+    is_identifiable = log.may_be_multirotor and log.has_time
     segments = _segments(series, torque, intervals, period_s) if is_identifiable else ()
     modes = _on_clock(log.modes, clock)
     if "reference_rate" in series:
@@ -258,11 +258,6 @@ def check_part(logs: Sequence[Prepared], settings: AlignSettings) -> None:
 def _length_s(intervals: Iterable[Interval]) -> float:
     """Return how long the intervals are together [s]."""
     return sum(end - start for start, end in intervals)
-
-
-def _may_be_multirotor(log: FlightLog) -> bool:
-    """Of any other vehicle nothing is cut out to identify: the model would not fit it."""
-    return log.vehicle_type in (MULTIROTOR, "unknown")
 
 
 def _tells_time(log: FlightLog) -> bool:

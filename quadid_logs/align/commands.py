@@ -64,7 +64,9 @@ def with_commands(
         if segment.reference is None
         else replace(
             segment,
-            command=_command(segment, put_back[mode], asked[mode], sticks[number] if sticks else None),
+            command=_command(
+                segment, segment.reference, put_back[mode], asked[mode], sticks[number] if sticks else None
+            ),
             law=laws[mode],
         )
         for number, (segment, mode) in enumerate(zip(segments, flown, strict=True))
@@ -74,17 +76,19 @@ def with_commands(
 
 
 def _command(
-    segment: Segment, put_back: FloatArray, asked: FloatArray, sticks: FloatArray | None
-) -> FloatArray | None:
+    segment: Segment,
+    reference: FloatArray,
+    put_back: FloatArray,
+    asked: FloatArray,
+    sticks: FloatArray | None,
+) -> FloatArray:
     """Return `Segment.command`; gains (n_samples, 3) and (n_samples, 2) are those of each sample's mode."""
-    if segment.reference is None:
-        return None
-    command = segment.reference.copy()
+    command = reference.copy()
     command[:, :3] += put_back * _angles(segment)
     if sticks is not None:
         by_stick = np.isfinite(asked).all(axis=1)
         command[by_stick, :2] = (asked * sticks)[by_stick]
-        command[by_stick, 2] = segment.reference[by_stick, 2]
+        command[by_stick, 2] = reference[by_stick, 2]
     return command
 
 

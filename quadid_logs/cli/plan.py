@@ -18,7 +18,7 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.errors import SettingsError
 from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import MULTIROTOR, vehicle_words
+from quadid_logs.vocabulary import vehicle_words
 
 
 def plan(
@@ -140,7 +140,7 @@ def plan(
             raise SettingsError(
                 f"{printable(like)} is a log of {flown.autopilot}.", hint="Give a log of the same autopilot."
             )
-        if flown.vehicle_type not in (MULTIROTOR, "unknown"):
+        if not flown.may_be_multirotor:
             raise SettingsError(
                 f"{printable(like)} is a log of {vehicle_words(flown.vehicle_type)}.",
                 hint="Plans are for multirotors: give a log of one, or leave --like out.",

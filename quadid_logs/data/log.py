@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, TypeAlias
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.errors import ShapeError
-from quadid_logs.vocabulary import SIGNALS
+from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
 #: Whole numbers below are exact in single precision.
 _EXACT: Final = 2.0**24
@@ -416,6 +416,11 @@ class FlightLog:
     def version(self) -> tuple[int, ...] | None:
         """The numbers of the firmware's version, most significant first; None where the log does not say."""
         return version_in(self.firmware)
+
+    @property
+    def may_be_multirotor(self) -> bool:
+        """Whether the vehicle is one, or the log does not say what it is."""
+        return self.vehicle_type in (MULTIROTOR, "unknown")
 
     @property
     def corrupt_bytes(self) -> int:

@@ -14,7 +14,7 @@ from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.diagnose.torque_findings import not_in_newton_metres
 from quadid_logs.identify import MIN_RATE_HZ
-from quadid_logs.vocabulary import AXES, MULTIROTOR
+from quadid_logs.vocabulary import AXES
 
 #: A signal that is this much slower on average than between typical samples is not what it seems.
 _RATE_SHORTFALL = 0.7
@@ -40,7 +40,7 @@ def find_in_data(log: FlightLog, data: FlightData, identification: Identificatio
     ------
     Finding
     """
-    if not log.has_time or log.vehicle_type not in (MULTIROTOR, "unknown"):
+    if not log.has_time or not log.may_be_multirotor:
         return
     advice = advice_for(log.autopilot).logging(log.format, log.parameters, log.version)
     rate = data.sources.get("body_rate")

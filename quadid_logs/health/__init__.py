@@ -24,7 +24,7 @@ from quadid_logs.health.steps import find_angle_lags, find_responses, find_steps
 from quadid_logs.health.tracking import find_tracking
 from quadid_logs.health.vibration import find_vibration
 from quadid_logs.numerals import number
-from quadid_logs.vocabulary import MULTIROTOR
+from quadid_logs.vocabulary import NOT_A_MULTIROTOR
 
 __all__ = ["faults_of", "health_of"]
 
@@ -146,8 +146,8 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
 
 def _nothing_to_judge(prepared: Prepared, data: FlightData) -> str:
     """Return why the log shows no flight of a multirotor that could be judged; empty where it does."""
-    if prepared.log.vehicle_type not in (MULTIROTOR, "unknown"):
-        return "this is not a multirotor"
+    if not prepared.log.may_be_multirotor:
+        return NOT_A_MULTIROTOR
     if not data.flights:
         return data.on_ground_reason or "no flight was found"
     flown_s = sum(end_s - start_s for start_s, end_s in data.flights)

@@ -12,7 +12,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.model import Effect
 from quadid_logs.data.torque import AssumedExpo, HeldScale
-from quadid_logs.identify.rotors import Rotors, beside_linear_lag, rotors_known
+from quadid_logs.identify.rotors import Rotors, beside_linear_lag, per_rotor, rotors_known
 from quadid_logs.identify.spectral import SpectralSolution, command_records, spectra_of
 from quadid_logs.identify.torque_errors import half_steps
 from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
@@ -234,10 +234,7 @@ def _by_curve(signals: FlownSignals) -> Iterator[EffectColumn]:
     if any(each.thrust_by_expo is None for each in segments):
         return
     lifts = _lifts(segments, by_torque)
-    thrust, by_expo = (
-        np.concatenate([np.ravel(getattr(each, name)) for each in segments])
-        for name in ("rotor_thrust", "thrust_by_expo")
-    )
+    thrust, by_expo = per_rotor(segments)
     if described.expo.held in (HeldScale.WEIGHT, HeldScale.FULL):
         # What an expo makes of the scale is no effect: another slope in hover would pass for the curve.
         by_expo = by_expo - slope_at(thrust, by_expo, float(np.mean(thrust))) * thrust

@@ -9,6 +9,7 @@ the search for a linear lag finds the lag of the rotors.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -77,6 +78,27 @@ def rotors_known(data: FlightData) -> bool:
         and described.torque_per_thrust is not None
         and all(segment.rotor_thrust is not None for segment in data.segments)
     )
+
+
+def per_rotor(segments: Sequence[Segment]) -> tuple[FloatArray, FloatArray]:
+    """Return thrust and its derivative by the expo, of all rotors and samples in a row.
+
+    Parameters
+    ----------
+    segments : sequence of Segment
+        Some of which know both.
+
+    Returns
+    -------
+    thrust, by_expo : ndarray, each of shape (n,)
+    """
+    pairs = [
+        (each.rotor_thrust.ravel(), each.thrust_by_expo.ravel())
+        for each in segments
+        if each.rotor_thrust is not None and each.thrust_by_expo is not None
+    ]
+    thrust, by_expo = (np.concatenate(columns) for columns in zip(*pairs, strict=True))
+    return thrust, by_expo
 
 
 def with_lag_on_rotors(design: Design, described: InputDescription, rotors: Rotors) -> Design:

@@ -29,6 +29,7 @@ from quadid_logs.identify.instruments import Projection
 from quadid_logs.identify.rotors import (
     MOST_ASYMMETRIC,
     Rotors,
+    per_rotor,
     rotor_slopes,
     rotors_known,
     with_lag_on_rotors,
@@ -319,7 +320,7 @@ def _with_other_changes(found: _Found, data: FlightData) -> _Found:
     Effectiveness goes with 1 + k dF'/dF: the difference of that slope over the flown thrust is the lever.
     """
     low, high = np.quantile(_collective(data), _FLOWN_QUANTILES)
-    slopes = slopes_at(*_per_rotor(data), np.array([low, high]))
+    slopes = slopes_at(*per_rotor(data.segments), np.array([low, high]))
     lever = float(abs(slopes[1] - slopes[0]))
     by_others = _OTHER_CHANGE / lever if lever > 0.0 else np.inf
     half_width = float(np.hypot(found.half_width, by_others))
@@ -403,22 +404,11 @@ def _scale_change(data: FlightData, expo: AssumedExpo) -> float:
         return 0.0
     if held is HeldScale.COMMAND:
         return expo.mean_slope
-    thrust, by_expo = _per_rotor(data)
+    thrust, by_expo = per_rotor(data.segments)
     if held is HeldScale.WEIGHT:
         return float(by_expo.sum() / thrust.sum())
     slope = slope_at(thrust, by_expo, _mean_thrust(data))
     return slope if np.isfinite(slope) else 0.0
-
-
-def _per_rotor(data: FlightData) -> tuple[FloatArray, FloatArray]:
-    """Return thrust and its derivative by the expo, of all rotors and samples in a row."""
-    pairs = [
-        (each.rotor_thrust.ravel(), each.thrust_by_expo.ravel())
-        for each in data.segments
-        if each.rotor_thrust is not None and each.thrust_by_expo is not None
-    ]
-    thrust, by_expo = (np.concatenate(columns) for columns in zip(*pairs, strict=True))
-    return thrust, by_expo
 
 
 def _mean_thrust(data: FlightData) -> float:
@@ -446,7 +436,7 @@ def _with_effectiveness(curve: ThrustCurve, data: FlightData, shift: float, half
     With F the thrust that the firmware believes, that of the propellers is F + k F', and
     effectiveness goes with its slope, 1 + k dF'/dF.
     """
-    thrust, by_expo = _per_rotor(data)
+    thrust, by_expo = per_rotor(data.segments)
     middle = _mean_thrust(data)
     low, high = np.quantile(_collective(data), _FLOWN_QUANTILES)
     levels = np.linspace(float(low), float(high), _N_POINTS)

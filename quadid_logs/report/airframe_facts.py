@@ -9,7 +9,7 @@ from quadid_logs.data.torque import MixerCheck, TorqueModel
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.report.numbers import number, percent
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import AXES, MULTIROTOR, TORQUE_SYMBOLS
+from quadid_logs.vocabulary import AXES, TORQUE_SYMBOLS
 
 
 def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
@@ -22,7 +22,7 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
     """
     model = log.torque
     # Who logs a rover or a plane is not helped by how to describe its rotors.
-    if model is None or not (model.n_rotors or log.vehicle_type in (MULTIROTOR, "unknown")):
+    if model is None or not (model.n_rotors or log.may_be_multirotor):
         return []
     # Say what the frame is and what says so, or what to pass.
     if not model.n_rotors:

@@ -16,7 +16,7 @@ from quadid_logs.report.numbers import number, percent, seconds, size
 from quadid_logs.report.words import pretty_unit, signal_name
 from quadid_logs.sentences import some
 from quadid_logs.untrusted import printable
-from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
+from quadid_logs.vocabulary import NOT_A_MULTIROTOR, SIGNALS
 
 #: What a model rests on; the other signals say when the vehicle flew and what the mixer did.
 _MAIN_SIGNALS = frozenset({"torque_n_m", "torque_command", "body_rate", "attitude", "throttle"})
@@ -110,8 +110,8 @@ def _counted(count: int, one: str, many: str) -> str:
 
 def flights_text(log: FlightLog, data: FlightData) -> str:
     """Return the flights in words, or why there is none; a rover's drives are none either."""
-    if log.vehicle_type not in (MULTIROTOR, "unknown"):
-        return "this is not a multirotor"
+    if not log.may_be_multirotor:
+        return NOT_A_MULTIROTOR
     return spans_text(data.flights) or printable(data.on_ground_reason) or "none"
 
 

@@ -8,7 +8,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.report.calibration_parts import calibration_half_width, flight_interval
 from quadid_logs.report.numbers import estimate, number, seconds
 from quadid_logs.report.words import pretty_unit
-from quadid_logs.vocabulary import AXES, MULTIROTOR, ON_AXIS, vehicle_words
+from quadid_logs.vocabulary import AXES, ON_AXIS, vehicle_words
 
 _HEADLINES = {
     "usable": "The model can be used on all three axes.",
@@ -54,7 +54,7 @@ def flown_sentence(result: Result) -> str:
     if not result.log.has_time:
         return "nothing identified: the log has no time stamps"
     length = seconds(result.data.duration_s)
-    if result.log.vehicle_type not in (MULTIROTOR, "unknown"):
+    if not result.log.may_be_multirotor:
         return f"{vehicle_words(result.log.vehicle_type)}, nothing identified in {length} of log"
     if result.identification.recommended is not None:
         # Say between which edges the fit was made if a person set them.

@@ -14,6 +14,7 @@ from typing import BinaryIO, Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.autopilots.betaflight.flight_modes import MODE_FLAGS
 from quadid_logs.autopilots.betaflight.signals import STICK, TO_FRD
 from quadid_logs.autopilots.betaflight.sticks import STICK_END, sticks_of
 from quadid_logs.data.log import FlightLog, Signal
@@ -41,8 +42,6 @@ _COUNTS, _COUNTS_BITS = 16.4, "0x3d79c190"
 #: What a stick of Cleanflight asks for with `rates` of 75 [deg/s].
 _PER_STICK: Final = (75.0 + 27.0) / 16.0 / 4.1
 _STICK: Final = np.arange(-500.0, 500.5, 0.5)
-#: ``fc/rc_modes.h``: the bit of a mode in the flags of slow frames.
-_MODE_FLAGS: Final = {"Angle": 1 << 1, "Horizon": 1 << 2}
 #: Thousandths per degree per second that P is made of, where it has to tell what sticks ask for.
 _GAIN: Final = 1.4
 
@@ -229,7 +228,7 @@ def _slow_frames(log: FlightLog, time_s: FloatArray) -> list[tuple[int, bytes]]:
     """Return the slow frames, which hold the flight mode, with the row of the main frame behind each."""
     rows = np.searchsorted(time_s, [mode.time_s for mode in log.modes])
     return [
-        (int(row), b"S" + bytes([_MODE_FLAGS.get(mode.name, 0)]))
+        (int(row), b"S" + bytes([MODE_FLAGS.get(mode.name, 0)]))
         for row, mode in zip(rows, log.modes, strict=True)
         if row < len(time_s)
     ]

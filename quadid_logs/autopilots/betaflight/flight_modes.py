@@ -12,7 +12,9 @@ from quadid_logs.data.log import ModeChange, Rows
 
 #: ``fc/rc_modes.h``: BOXANGLE and BOXHORIZON; without them the sticks command rates.
 _ANGLE, _HORIZON = 1 << 1, 1 << 2
-_NAMES: Final = {0: "Acro", _ANGLE: "Angle", _HORIZON: "Horizon", _ANGLE | _HORIZON: "Angle"}
+#: Of slow frames, by mode.
+MODE_FLAGS: Final = {"Acro": 0, "Angle": _ANGLE, "Horizon": _HORIZON}
+_NAMES: Final = {flags: name for name, flags in MODE_FLAGS.items()} | {_ANGLE | _HORIZON: "Angle"}
 #: Modes with an angle loop around the rate loop.
 SELF_LEVELLING: Final = ("Angle", "Horizon")
 
