@@ -5,7 +5,6 @@ The study's seed and the number of the flight decide everything.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -74,7 +73,7 @@ def draw_flight(seed: int, number: int) -> Drawn:
     airframe, vehicle_settings = _draw_airframe(rng)
     manoeuvre, manoeuvre_settings = _draw_manoeuvre(rng, airframe, autopilot)
     structural = draw_structural(seed, number, airframe)
-    airframe = dataclasses.replace(airframe, rotor_inertia_kg_m2=structural.rotor_inertia_kg_m2)
+    airframe = structural.on(airframe)
     noise = Noise(
         gyro_rad_s_per_rthz=1.0e-4 * log_uniform(rng, 0.3, 5.0),
         gyro_bias_rad_s=_triple(0.004 * rng.standard_normal(3)),

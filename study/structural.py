@@ -27,7 +27,8 @@ class Structural(NamedTuple):
     """What a flight has beside rigid body, rotors, wind and noise.
 
     ``clipped_fraction`` is that of the commands beyond the limit of an unlogged
-    saturation; ``manoeuvre`` replaces the one drawn before, ``rotor_inertia_kg_m2`` that of each rotor.
+    saturation; ``manoeuvre`` replaces the one drawn before, ``rotor_inertia_kg_m2`` that of each rotor,
+    ``drag_height_m`` how high above the centre of mass the drag acts, unless it is None.
     """
 
     names: tuple[str, ...]
@@ -35,6 +36,14 @@ class Structural(NamedTuple):
     clipped_fraction: float = 0.0
     manoeuvre: Callable[..., Any] | None = None
     rotor_inertia_kg_m2: float = 0.0
+    drag_height_m: float | None = None
+
+    def on(self, airframe: SimulatedAirframe) -> SimulatedAirframe:
+        """Return the airframe with what the effects make of it."""
+        height_m = airframe.drag_height_m if self.drag_height_m is None else self.drag_height_m
+        return dataclasses.replace(
+            airframe, rotor_inertia_kg_m2=self.rotor_inertia_kg_m2, drag_height_m=height_m
+        )
 
 
 def draw_structural(seed: int, number: int, airframe: SimulatedAirframe) -> Structural:
@@ -151,6 +160,15 @@ def _tones(rng: np.random.Generator, airframe: SimulatedAirframe) -> dict[str, A
     return {"manoeuvre": partial(manoeuvres.tones, frequency_hz=tuple(frequency_hz.tolist()))}
 
 
+def _speed_moment(rng: np.random.Generator, airframe: SimulatedAirframe) -> dict[str, Any]:
+    """Turn roll and pitch by 1 to 10 rad/s^2 for each m/s, as flapping blades and high bodies do.
+
+    Flown 5-inch quads have 3 to 25, by where their moments are as large as the torque's (0.5 to 1 Hz).
+    """
+    per_speed = log_uniform(rng, 1.0, 10.0)
+    return {"drag_height_m": per_speed * float(airframe.inertia_kg_m2[0, 0]) / airframe.drag_n_s_m}
+
+
 #: By the names of `quadid_logs.simulate.effects.FIELDS` where there is one.
 EFFECTS: Final[dict[str, Callable[[np.random.Generator, SimulatedAirframe], dict[str, Any]]]] = {
     "tilt stiffness": _tilt_stiffness,
@@ -167,6 +185,7 @@ EFFECTS: Final[dict[str, Callable[[np.random.Generator, SimulatedAirframe], dict
     "missing set-points": _no_setpoints,
     "single tone": _tones,
     "rotor reaction": _reaction,
+    "moment of the speed": _speed_moment,
 }
 
 

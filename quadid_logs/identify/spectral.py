@@ -13,7 +13,8 @@ band (generalised method of moments: Hansen, Econometrica 50, 1982; the covarian
 blocks, neighbours together: Newey and West, Econometrica 55, 1987). A smooth departure of the measured
 response from the model's, whose size the flight itself tells, is part of their covariance (stochastic
 embedding: Goodwin, Gevers and Ninness, IEEE Trans. Automatic Control 37, 1992), so that what the model cannot
-describe widens the intervals.
+describe widens the intervals. So is what commands make of tilt and speed, whose moments the torque holds
+against: it rises towards low frequencies, and from where the flight tells, too.
 """
 
 from __future__ import annotations
@@ -42,11 +43,10 @@ from quadid_logs.maths.normal import NORMAL_95
 BLOCK_S: Final = 4.0
 #: Of a planned trajectory, whose flights last for some seconds: a flight of six seconds has three.
 _PLANNED_BLOCK_S = 3.0
-#: A planned trajectory commands speeds too, and below some frequency the moments of speed through the air
-#: (and of the trim that it needs) are what the torque holds against. Where that begins the flight tells,
-#: in half octaves: below, the response may be anything up to three times what the torque makes.
-_CORNERS_HZ: Final = (0.0, 0.7, 1.0, 1.4, 2.0, 2.8)
-_FREE = 3.0
+#: What commands a turn commands tilt and speed, too, whose moments (of the air, and of the trim that they
+#: need) the torque holds against. Where they are as large as the torque's own the flight tells, in half
+#: octaves, or that there are none: of the lowest line they would be a sixth below the first.
+_MOMENTS_HZ: Final = (0.0, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
 #: Beyond, blades, frame and filters move a gyro, and not the torque of rotors with a lag of some ten ms.
 _HIGHEST_HZ = 30.0
 #: Six samples a cycle: with fewer, what the torque does between two samples is a guess.
@@ -270,11 +270,9 @@ def solve_spectra(
     axes = [number for number in axes if _has_size(told[:, :, number])]
     if not axes:
         return None
-    corners_hz = _CORNERS_HZ if planned else _CORNERS_HZ[:1]
-    moments = [
-        AxisMoments(spectra, number, told[:, :, number], gyro_filter, corners_hz, n_speeds) for number in axes
-    ]
+    moments = [AxisMoments(spectra, number, told[:, :, number], gyro_filter, n_speeds) for number in axes]
     fits, actuator = fit_axes(moments)
+    fits = tuple(replace(fit, planned=planned) for fit in fits)
     return SpectralSolution(fits, moments, actuator, told, spectra, planned)
 
 
@@ -444,7 +442,6 @@ class AxisMoments:
         number: int,
         told: ComplexArray,
         gyro_filter: GyroFilter,
-        corners_hz: Sequence[float],
         n_speeds: int = 0,
     ) -> None:
         self.number, self.told, self.run = number, told, spectra.run
@@ -472,7 +469,7 @@ class AxisMoments:
         self.centre_hz = np.array([band.mean() for band in np.split(spectra.frequency_hz, self.edges[1:-1])])
         centre = np.log(self.centre_hz)
         self.alike = np.exp(-np.abs(centre[:, np.newaxis] - centre) / OCTAVE)
-        self.corners_hz, self.corner_hz = corners_hz, corners_hz[len(corners_hz) // 2]
+        self.moments_hz = _MOMENTS_HZ[0]
         # A search comes back to the actuators that it has tried, and lead is nothing to roll and pitch.
         self._responses: dict[SharedActuator, tuple[ComplexArray, ComplexArray]] = {}
         self._solved: dict[SharedActuator, tuple[FloatArray, FloatArray]] = {}
@@ -552,16 +549,13 @@ class AxisMoments:
             hidden = self.noise > np.abs(theta[0] * turn) ** 2
             self.noise = np.where(hidden, np.maximum(self.noise, self.size**2), self.noise)
         self.turn = np.exp(-1j * np.angle(turn if theta is None else theta[0] * turn))
-        self.depart(_DEPARTURES[1] ** 2)
+        self.depart(_DEPARTURES[1] ** 2, self.moments_hz)
 
     def _elsewhere(self) -> FloatArray:
         """Return the variance of each moment that products of motions make; shape (n_bands,).
 
-        They may be in any octave, and coherent with the instrument at worst. Of a planned trajectory, the
-        bands below its corner are free of all that.
+        They may be in any octave, and coherent with the instrument at worst.
         """
-        if len(self.corners_hz) > 1:
-            return np.zeros(self.centre_hz.size)
         octaves = 1.0 + np.log2(self.centre_hz[-1] / self.centre_hz[0])
         size = _ELSEWHERE**2 * self.power(self.acceleration).sum() / octaves
         return np.asarray(size * self.power(self.instrument).sum(axis=0))
@@ -570,32 +564,33 @@ class AxisMoments:
         """Return the variance of each complex moment that noise makes, and rounding; shape (n_bands,)."""
         return np.asarray(self.noise + 2e-12 * max(float(self.size.max()) ** 2, _TINY))
 
-    def depart(self, variance: float) -> None:
-        """Set the whitening for a departure of this relative variance."""
+    def depart(self, variance: float, moments_hz: float) -> None:
+        """Set the whitening for a departure of this relative variance.
+
+        ``moments_hz``: where moments of tilt and speed are as large as the torque's. A tilt is the torque's
+        second integral, so that they rise with the square of one over the frequency (and a speed, behind
+        drag, like a tilt).
+        """
+        self.variance, self.moments_hz = variance, moments_hz
+        size, held = self.size, self.size * self._held()
         covariance = np.diag(0.5 * self.variance_of_noise())
-        free = self.centre_hz < self.corner_hz
-        size = np.where(free, 0.0, self.size)
-        covariance = covariance + variance * np.outer(size, size) * self.alike
-        covariance = covariance + np.diag(np.where(free, _FREE * self.size, 0.0) ** 2)
+        covariance = covariance + (variance * np.outer(size, size) + np.outer(held, held)) * self.alike
         scale = 1.0 / np.sqrt(np.diag(covariance))
         triangle = np.linalg.cholesky(covariance * np.outer(scale, scale))
         self.whitening = np.linalg.inv(triangle) * scale
         self.log_size = float(2.0 * np.log(np.diag(triangle)).sum() - 2.0 * np.log(scale).sum())
-        self.variance = variance
 
-    def raise_corner(self) -> bool:
-        """Set the next corner that frees more bands, with the whitening for it; say whether there is one."""
-        n_free = np.count_nonzero(self.centre_hz < self.corner_hz)
-        freed = [int(np.count_nonzero(self.centre_hz < each)) for each in self.corners_hz]
-        higher = [
-            each for each, n in zip(self.corners_hz, freed, strict=True) if n_free < n < self.centre_hz.size
-        ]
-        if not higher:
-            return False
-        self.corner_hz = min(higher)
-        self.depart(self.variance)
-        self.prepare()
-        return True
+    def _held(self) -> FloatArray:
+        """Return moments of tilt and speed over the torque's; shape (n_bands,)."""
+        return np.asarray((self.moments_hz / self.centre_hz) ** 2)
+
+    def variance_beside_torque(self) -> FloatArray:
+        """Return the variance of each complex moment by noise, tilt and speed; shape (n_bands,)."""
+        return np.asarray(self.variance_of_noise() + 2.0 * (self.size * self._held()) ** 2)
+
+    def variance_of_departure(self) -> FloatArray:
+        """Return the relative variance of what the equation does not describe; shape (n_bands,)."""
+        return np.asarray(self.variance + self._held() ** 2)
 
     def white(self, moments: ComplexArray) -> FloatArray:
         """Return moments in standard deviations, real parts along and imaginary ones across the model's."""
@@ -790,45 +785,27 @@ def fit_axes(axes: Sequence[AxisMoments]) -> tuple[tuple[SpectralFit, ...], Shar
             theta = axis.solved(actuator)[0]
             axis.instrument_behind(actuator)
             axis.weigh(theta, actuator)
-            axis.depart(_likely_variance(axis, axis.left(theta, actuator)))
+            _depart_likely(axis, axis.left(theta, actuator))
             axis.prepare()
-    fits = _described(axes, actuator)
-    raised = [axis.raise_corner() for axis in axes]
-    if not any(raised):
-        return fits, actuator
-    above = _described(axes, _refined(axes, actuator))
-    return tuple(_with_difference(one, other) for one, other in zip(fits, above, strict=True)), actuator
+    return _described(axes, actuator), actuator
 
 
-def _with_difference(fit: SpectralFit, other: SpectralFit) -> SpectralFit:
-    """Return an estimate whose intervals hold what the choice of the corner makes: that of the next one."""
-    if not np.isfinite(other.half_width):
-        return fit
-    difference = other.mean - fit.mean
-    return replace(
-        fit,
-        covariance=fit.covariance + np.outer(difference, difference) / NORMAL_95**2,
-        half_width=float(np.hypot(fit.half_width, difference[0])),
-    )
+def _depart_likely(axis: AxisMoments, left: ComplexArray) -> None:
+    """Set how far an axis departs from its equation by what that leaves.
 
-
-def _likely_variance(axis: AxisMoments, left: ComplexArray) -> float:
-    """Return the mean variance of the departure, each by how likely what an equation leaves makes it.
-
-    The corner of the axis becomes the likeliest one.
+    Moments of tilt and speed are the likeliest ones, and with them the variance of the departure is the mean
+    of those that are tried, each by how likely it is.
     """
-    likely = np.empty((len(axis.corners_hz), _DEPARTURES.size))
-    for row, corner_hz in enumerate(axis.corners_hz):
-        axis.corner_hz = corner_hz
+    likely = np.empty((len(_MOMENTS_HZ), _DEPARTURES.size))
+    for row, moments_hz in enumerate(_MOMENTS_HZ):
         for number, departure in enumerate(_DEPARTURES.tolist()):
-            axis.depart(departure**2)
+            axis.depart(departure**2, moments_hz)
             white = axis.white(left)
             likely[row, number] = -0.5 * float(white @ white) - axis.log_size
             likely[row, number] -= np.log1p((departure / _TYPICAL_DEPARTURE) ** 2)
     weight = np.exp(likely - likely.max())
     best = int(weight.sum(axis=1).argmax())
-    axis.corner_hz = axis.corners_hz[best]
-    return float(weight[best] @ _DEPARTURES**2 / weight[best].sum())
+    axis.depart(float(weight[best] @ _DEPARTURES**2 / weight[best].sum()), _MOMENTS_HZ[best])
 
 
 def _left(axes: Sequence[AxisMoments], actuator: SharedActuator) -> FloatArray:
@@ -957,7 +934,6 @@ def _one(
         commanded=axis.commanded(),
         r2_commanded=_explained(axis, theta, actuator),
         n_blocks=int(axis.run.size),
-        planned=len(axis.corners_hz) > 1,
         half_width=half_width,
     )
 
@@ -965,13 +941,13 @@ def _one(
 def _explained(axis: AxisMoments, theta: FloatArray, actuator: SharedActuator) -> float:
     """Return the fraction of the commanded acceleration that an equation explains, each band over its noise.
 
-    Where air or manoeuvres of other axes hide what commands make, what is left says nothing about the
-    equation: summed as they are, the few strongest bands, the slowest, would speak for all.
+    Where air, manoeuvres of other axes, or moments of tilt and speed hide what commands make, what is left
+    says nothing about the equation: summed as they are, the few strongest bands, the slowest, would speak for
+    all.
     """
-    above = axis.centre_hz >= axis.corner_hz
-    weight = 1.0 / axis.variance_of_noise()[above]
-    left = float(weight @ np.abs(axis.left(theta, actuator)[above]) ** 2)
-    return 1.0 - _ratio(left, float(weight @ np.abs(theta[0] * axis.of_commanded(actuator)[above]) ** 2))
+    weight = 1.0 / axis.variance_beside_torque()
+    left = float(weight @ np.abs(axis.left(theta, actuator)) ** 2)
+    return 1.0 - _ratio(left, float(weight @ np.abs(theta[0] * axis.of_commanded(actuator)) ** 2))
 
 
 def spread_and_half_width(

@@ -424,7 +424,8 @@ class _Equations:
             self._lines[place] = np.stack([*torques, *axis.regressors, self.error[place]])
         moments = axis.summed((weight * self._lines[place]).sum(axis=1))
         size = theta[0] * np.abs(moments[_N_AROUND])
-        variance = 0.5 * moment_noise(axis, instrument, self.error[place]) + axis.variance * size**2
+        variance = 0.5 * moment_noise(axis, instrument, self.error[place])
+        variance += axis.variance_of_departure() * size**2
         scale = 1.0 / np.sqrt(np.maximum(variance, 1e-12 * max(float(variance.max(initial=0.0)), _TINY)))
         own = _Own(weight, scale, np.zeros((0, _AXES)), (), np.zeros(0))
         white = own.white(moments)
