@@ -64,6 +64,7 @@ def _fly(
     gusts: float = 0.6,
     air_rad_s: float = np.pi,
     tilt_1_s2: float = 0.0,
+    per_speed: float = 0.0,
     late_steps: int = 0,
     worth: np.ndarray | None = None,
     throttle: np.ndarray | None = None,
@@ -71,9 +72,10 @@ def _fly(
 ) -> FlightData:
     """Fly a minute in angle mode, in air of a density of power that falls above ``air_rad_s``.
 
-    ``late_steps``: the torque is logged so much later than it was given; ``worth`` (12000,): how much of it
-    the rotors make, sample by sample; ``throttle``: as logged; ``spin_down``: so many times as slowly as
-    up do rotors slow down, whose thrust goes with their speed squared.
+    ``per_speed``: what a speed of 1 m/s turns roll and pitch by, back [rad/s^2]; ``late_steps``: the torque is
+    logged so much later than it was given; ``worth`` (12000,): how much of it the rotors make, sample by
+    sample; ``throttle``: as logged; ``spin_down``: so many times as slowly as up do rotors slow down, whose
+    thrust goes with their speed squared.
     """
     rng, n = np.random.default_rng(seed), 12000
     worth = np.ones(n) if worth is None else worth
@@ -85,7 +87,7 @@ def _fly(
     gust = gusts * air[1:] * np.array([1.0, 1.0, 0.1])
     lead, pace, level = 12.0 / GAIN, PERIOD_S / LAG_S, np.array([1.0, 1.0, 0.0])
     rate, angle, thrust = np.zeros(3), np.zeros(3), np.zeros(3)
-    speed = np.full(4, np.sqrt(HOVER))
+    speed, over_ground = np.full(4, np.sqrt(HOVER)), np.zeros(3)
     torque, rates, setpoints = (np.empty((n, 3)) for _ in range(3))
     for row in range(n):
         setpoint = ANGLE_GAIN * (steps[row] - angle)
@@ -97,7 +99,8 @@ def _fly(
             lacking = np.sqrt(np.maximum(HOVER + TO_THRUST @ loss(command), 0.0)) - speed
             speed = speed + pace / np.where(lacking > 0.0, 1.0, spin_down) * lacking
             thrust = PER_THRUST @ speed**2
-        pull = tilt_1_s2 * angle * level
+        over_ground = over_ground + PERIOD_S * (9.81 * angle - 0.3 * over_ground)
+        pull = (tilt_1_s2 * angle - per_speed * over_ground) * level
         rate = rate + PERIOD_S * (worth[row] * GAIN * thrust + DAMPING * rate + pull + gust[row])
         angle = angle + PERIOD_S * rate
     turned = np.vstack([np.zeros(3), PERIOD_S * np.cumsum(rates, axis=0)[:-1]])
@@ -197,10 +200,24 @@ def test_the_form_of_an_effect_is_part_of_the_interval(loss: Loss) -> None:
 
 
 @pytest.mark.parametrize("tilt_1_s2", [-9.0, thorough(6.0)])
-def test_a_moment_of_the_tilt_is_taken_out(tilt_1_s2: float) -> None:
+def test_a_moment_of_the_tilt_leaves_the_effectiveness_where_it_is(tilt_1_s2: float) -> None:
     """A pendulum, and a vehicle that tips over."""
     fits = fit_by_spectra(_fly(1, gusts=0.2, tilt_1_s2=tilt_1_s2))
-    assert all("tilt" in fits[axis].effects and _holds(fits[axis], axis) for axis in (0, 1))
+    assert all(fits[axis].is_sound and _holds(fits[axis], axis) for axis in (0, 1))
+
+
+@pytest.mark.parametrize("per_speed", [4.0, thorough(9.0)])
+def test_a_moment_of_the_speed_leaves_the_effectiveness_where_it_is(per_speed: float) -> None:
+    """What flies faster is pitched up: below some frequency the torque holds against that."""
+    fits = fit_by_spectra(_fly(2, gusts=0.2, per_speed=per_speed))
+    assert all(fits[axis].is_sound and _holds(fits[axis], axis) for axis in (0, 1))
+
+
+def test_where_no_moment_of_the_speed_is_seen_low_frequencies_count() -> None:
+    """They tell the effectiveness to a tenth of what it is with such a moment, or less."""
+    calm, pitched_up = (fit_by_spectra(_fly(2, gusts=0.2, per_speed=each))[0] for each in (0.0, 9.0))
+    assert calm.half_width < 0.06 * GAIN[0]
+    assert calm.half_width < pitched_up.half_width
 
 
 @pytest.mark.parametrize("seed", [0, thorough(1)])
