@@ -702,7 +702,7 @@ class SpectralFit:
         Root mean square by which the effectiveness comes and goes over the flight, relative to its mean.
     by_effects : float
         Half of the 95 % interval, relative, of what effects that are shown or left open make of an
-        effectiveness that knows of none.
+        effectiveness that knows of none, and of what departs from one lag, gain and damping.
     """
 
     mean: FloatArray

@@ -584,6 +584,11 @@ class AxisMoments:
         """Return moments of tilt and speed over the torque's; shape (n_bands,)."""
         return np.asarray((self.moments_hz / self.centre_hz) ** 2)
 
+    def departure_beyond(self, least: float) -> FloatArray:
+        """Return the relative covariance of departures beyond a least variance, were all bands alike."""
+        held = self._held()
+        return np.asarray(max(self.variance - least, 0.0) + np.outer(held, held))
+
     def variance_beside_torque(self) -> FloatArray:
         """Return the variance of each complex moment by noise, tilt and speed; shape (n_bands,)."""
         return np.asarray(self.variance_of_noise() + 2.0 * (self.size * self._held()) ** 2)
@@ -903,20 +908,38 @@ def _described(axes: Sequence[AxisMoments], actuator: SharedActuator) -> tuple[S
     n_linear = thetas[0].size
     whole = np.zeros((3 + n_linear * len(axes),) * 2)
     whole[:3, :3] = np.eye(3)
+    rows, places = [], []
     for number, (axis, theta) in enumerate(zip(axes, thetas, strict=True)):
         columns = axis.system(actuator)[0]
         slopes = theta[0] * by_coordinates(axis.white_commanded, actuator)
-        # The priors of what is linear do not move with the actuator.
-        slopes = np.vstack([slopes, np.zeros((len(columns) - len(slopes), 3))])
         own = np.r_[0:3, 3 + n_linear * number : 3 + n_linear * (number + 1)]
-        both = np.column_stack([slopes, columns])
+        # The priors of what is linear do not move with the actuator.
+        priors = np.vstack([slopes, np.zeros((len(columns) - len(slopes), 3))])
+        both = np.column_stack([priors, columns])
         whole[np.ix_(own, own)] += both.T @ both
+        rows.append(both[: len(slopes)])
+        places.append(own)
     covariance = np.asarray(np.linalg.pinv(whole, hermitian=True), dtype=np.float64)
     found = {
-        axis.number: _one(axis, theta, actuator, covariance, 3 + n_linear * number)
-        for number, (axis, theta) in enumerate(zip(axes, thetas, strict=True))
+        axis.number: replace(
+            _one(axis, theta, actuator, covariance, int(own[3])),
+            by_effects=_by_departure(axis, theta[0], of_axis @ covariance[own, own[3]]),
+        )
+        for axis, theta, of_axis, own in zip(axes, thetas, rows, places, strict=True)
     }
     return tuple(found.get(number, _NOTHING) for number in range(_AXES))
+
+
+def _by_departure(axis: AxisMoments, gain: float, weights: FloatArray) -> float:
+    """Return half of the 95 % interval, relative, of what departs from the equation beyond what any does.
+
+    ``weights`` (2 n_bands,) of the moments in standard deviations make the effectiveness.
+    """
+    variance = 0.0
+    for part in np.split(weights, 2):
+        of_moments = axis.whitening.T @ part * axis.size
+        variance += float(of_moments @ (axis.departure_beyond(LEAST_DEPARTURE**2) * axis.alike) @ of_moments)
+    return NORMAL_95 * float(np.sqrt(max(variance, 0.0))) / abs(gain) if gain else float("inf")
 
 
 def _one(

@@ -138,7 +138,7 @@ def _beside(without: SpectralFit, fit: SpectralFit) -> SpectralFit:
     covariance[0, 0] += (form / NORMAL_95) ** 2
     half_width = float(np.hypot(fit.half_width, form))
     more = _relative(half_width, fit.gain) ** 2 - _relative(without.half_width, without.gain) ** 2
-    moved = math.sqrt(max(more, 0.0) + shift**2)
+    moved = math.hypot(math.sqrt(max(more, 0.0)), shift, fit.by_effects)
     return replace(fit, covariance=covariance, half_width=half_width, shift=shift, by_effects=moved)
 
 
