@@ -29,8 +29,10 @@ from quadid_logs.report.tune_page import tune_page
 from quadid_logs.simulate import fly
 from quadid_logs.simulate.logger import log_flights
 from quadid_logs.tuning import recommend
+from quadid_logs.vocabulary import AXES
 from quadid_logs.writers import write_log
 from study import filters as study
+from tests import tuned_flights
 
 #: Of the study's vehicles, one whose notch stands at a wrong place; its frame rings at 60.74 Hz.
 WRONG_NOTCH = 2
@@ -201,6 +203,23 @@ def test_the_true_loop_behind_other_filters_has_the_margins_that_are_promised(tu
         assert told.ci95[0] <= true.value <= told.ci95[1], axis
 
 
+@pytest.mark.parametrize(("axes", "shared"), [(AXES, True), (("roll",), False)])
+def test_filters_of_all_axes_are_looked_at_where_every_axis_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, axes: tuple[str, ...], shared: bool
+) -> None:
+    asked = []
+
+    def noted(*_: object, shared: bool) -> tuple[Any, ...]:
+        asked.append(shared)
+        return ()
+
+    monkeypatch.setattr(recommend_module, "_decided", lambda *_, **__: _next(1.0))
+    monkeypatch.setattr(recommend_module, "design_filters", noted)
+    recommend(tuned_flights.flown("ardupilot"), axes=axes, filters=True)
+    assert asked == [shared]
+
+
+@pytest.mark.thorough
 def test_filters_of_all_axes_stay_where_an_axis_is_not_asked_for(flown: Result) -> None:
     for one in recommend(flown, axes=("roll",), filters=True).axes.values():
         assert all(name.startswith("ATC_RAT_RLL_") for name in one.filters)
