@@ -167,7 +167,7 @@ OF_ONE_AXIS = ("one at target", "uneven")
 QUICK = {
     "ardupilot": ("pitch", "one at target", "contradicted", "uneven"),
     "px4": ("yaw",),
-    "betaflight": ("roll",),
+    "betaflight": ("roll", "pitch"),
 }
 
 
