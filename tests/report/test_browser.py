@@ -97,28 +97,24 @@ def long_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def long_drawn(browser: chromium.Browser, long_page: Path, request: pytest.FixtureRequest) -> Iterator[None]:
-    """Show the aligned series of the long flight's page on a desk, as it was loaded."""
-    yield from shown(browser, long_page, request, "#chart-aligned")
+    """Show every chart of the long flight's page on a desk, as it was loaded."""
+    yield from shown(browser, long_page, request)
 
 
-def shown(
-    browser: chromium.Browser, path: Path, request: pytest.FixtureRequest, charts: str = ".chart"
-) -> Iterator[None]:
-    """Show charts: on the page of the test before, where that left it whole; drawing takes seconds."""
+def shown(browser: chromium.Browser, path: Path, request: pytest.FixtureRequest) -> Iterator[None]:
+    """Show every chart: on the page of the test before, where that left it whole; drawing takes seconds."""
     n_failed = request.session.testsfailed
     if browser.run("location.href") != path.as_uri() or not browser.run("window.whole === true"):
-        draw_all(browser, path, charts=charts)
+        draw_all(browser, path)
     yield
     if request.session.testsfailed > n_failed:
         browser.go("about:blank")
 
 
-def draw_all(
-    browser: chromium.Browser, path: Path, width: int = 1280, *, dark: bool = False, charts: str = ".chart"
-) -> None:
-    """Load a page and show every chart of it, or some."""
+def draw_all(browser: chromium.Browser, path: Path, width: int = 1280, *, dark: bool = False) -> None:
+    """Load a page and show every chart of it."""
     load(browser, path, width, dark=dark)
-    browser.run(SCROLL.replace(".chart", charts))
+    browser.run(SCROLL)
     browser.run(f"window.whole = {json.dumps(width == 1280 and not dark)}")
 
 
