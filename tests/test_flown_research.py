@@ -27,7 +27,8 @@ def interval(result: Result, axis: str) -> tuple[float, float]:
     return model.entries[ON_AXIS[axis]].ci95
 
 
-@pytest.mark.parametrize("names", thorough_but([TAILSITTERS[2:]], [TAILSITTERS[2:], TAILSITTERS]), ids=len)
+@pytest.mark.thorough
+@pytest.mark.parametrize("names", [TAILSITTERS[2:], TAILSITTERS], ids=len)
 def test_roll_of_a_tail_sitter_is_the_same_in_all_flights(
     corpus: Path, analyzed: Analyzed, names: tuple[str, ...]
 ) -> None:
@@ -40,6 +41,7 @@ def test_roll_of_a_tail_sitter_is_the_same_in_all_flights(
     assert all(low < 134.0)
 
 
+@pytest.mark.thorough
 def test_a_fast_log_without_attitude_gives_the_published_inertia(corpus: Path, analyzed: Analyzed) -> None:
     """Within 6 %."""
     result = analyzed(corpus / "real" / "cf21-1khz-log15.csv")
@@ -88,6 +90,7 @@ def test_a_hover_whose_torque_is_the_inverse_controller_s_is_refused_by_that_nam
     assert result.diagnosis.axes[axis].reasons[0] == ("QL504" if axis == "yaw" else "QL516")
 
 
+@pytest.mark.thorough
 def test_a_hover_is_no_better_in_the_band_of_the_inverse_controller(corpus: Path) -> None:
     """Set by hand to where the coherence is; an axis that turned too little there says that first."""
     settings = Settings(identify=in_band((4.0, 12.0), IdentifySettings()))
@@ -111,13 +114,14 @@ def test_yaw_of_a_small_quadrotor_is_explained_with_the_reaction_of_its_rotors(
     assert low < 1.0 / 3.2e-5 < high
 
 
+@pytest.mark.thorough
 def test_a_yaw_torque_that_answers_the_motion_is_refused_by_name(corpus: Path, analyzed: Analyzed) -> None:
     """A lead of -0.6 s explains 92 % of it: the inverse controller."""
     result = analyzed(corpus / "real" / "tailsitter-manual-stabilized-2.csv")
     assert "QL516" in result.diagnosis.axes["yaw"].reasons
 
 
-@pytest.mark.parametrize("name", thorough_but((SLOW[0], SLOW[3]), SLOW))
+@pytest.mark.parametrize("name", thorough_but(SLOW[:1], SLOW))
 def test_yaw_of_a_held_heading_in_a_slow_log_is_refused_by_name(
     corpus: Path, analyzed: Analyzed, name: str
 ) -> None:

@@ -27,7 +27,7 @@ from quadid_logs.writers import write_log
 from tests.marks import thorough, thorough_but
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_logs"
-SAMPLE_LOGS = pytest.mark.parametrize("name", ["sysid-quad-x.bin", "products-of-inertia.ulg"])
+SAMPLE_LOGS = pytest.mark.parametrize("name", ["sysid-quad-x.bin", thorough("products-of-inertia.ulg")])
 
 
 #: Of scenarios of which a short flight shows enough: half of what they fly by themselves [s].
@@ -106,6 +106,7 @@ def test_intervals_shrink_while_the_flight_goes_on(folder: Path) -> None:
     assert known[-1] < 0.05
 
 
+@pytest.mark.thorough
 def test_a_hover_shows_no_figure(folder: Path) -> None:
     """What is common to torque and rate there is the controller's answer to the air."""
     figures = flown(scenario("hover", folder)[0], 4)[-1]
@@ -136,6 +137,7 @@ def test_a_calibration_that_the_interval_does_not_hold_is_said(unit: str, said: 
     assert any("N m" in note for note in notes(LiveFigures(axes=axes, unit=unit))) is said
 
 
+@pytest.mark.thorough
 def test_saturation_is_said(folder: Path) -> None:
     """Before more excitation is advised."""
     figures = flown(scenario("saturation", folder)[0], 4)[-1]
@@ -163,6 +165,7 @@ def shaken(signal: Signal, size: float) -> Signal:
     return replace(signal, values=values)
 
 
+@pytest.mark.thorough
 def test_a_clock_that_jumps_back_stops_nothing(folder: Path) -> None:
     """Blocks before and after it count."""
     content, truth = scenario("clock-jump", folder)
@@ -222,6 +225,7 @@ def test_an_update_costs_the_same_at_the_end_of_a_flight(folder: Path) -> None:
     assert np.median(spent[-10:]) < 1.5 * np.median(spent[25:35])
 
 
+@pytest.mark.thorough
 def test_a_long_flight_keeps_the_blocks_in_which_most_was_commanded(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:

@@ -75,6 +75,7 @@ def test_margins_are_drawn_from_both(weakened: tuple[Result, np.ndarray]) -> Non
         assert drawn == pytest.approx(max(abs(end - entry.value) for end in entry.ci95), rel=0.2)
 
 
+@pytest.mark.thorough
 def test_a_flight_of_whole_motors_says_nothing_of_it() -> None:
     """The same flight without the fault."""
     result, _ = flown()

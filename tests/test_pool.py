@@ -25,18 +25,17 @@ def written(folder: Path, name: str, scenario: str, **choices: object) -> Path:
 
 @pytest.fixture(scope="module")
 def flights(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """Three short flights of one vehicle: roll only, all axes, and none."""
+    """Two short flights of one vehicle: roll only, and all axes."""
     folder = tmp_path_factory.mktemp("flights")
     return [
         written(folder, "roll.bin", "single-axis", seed=1, duration_s=25.0),
         written(folder, "all.bin", "sysid-quad-x", seed=2, duration_s=25.0),
-        written(folder, "slow.bin", "default-logging", seed=3, duration_s=25.0),
     ]
 
 
 @pytest.fixture(scope="module")
 def pooled(flights: list[Path]) -> Result:
-    return analyze_pooled(flights[:2])
+    return analyze_pooled(flights)
 
 
 def test_one_model_holds_what_all_flights_tell(pooled: Result) -> None:

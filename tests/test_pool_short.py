@@ -29,6 +29,7 @@ def pooled(flights: list[Simulation]) -> Result:
     return analyze_pooled(flights)
 
 
+@pytest.mark.thorough
 def test_one_flight_is_too_short_and_five_are_enough(flights: list[Simulation], pooled: Result) -> None:
     """No flight needs a minute of its own."""
     alone = analyze(flights[0])
@@ -87,6 +88,7 @@ def test_a_flight_that_is_given_twice_counts_once(flights: list[Simulation], poo
     assert ends[0] == ends[1]
 
 
+@pytest.mark.thorough
 @pytest.mark.corpus
 def test_five_flown_flights_of_ten_seconds_give_roll(corpus: Path) -> None:
     """The response by the trajectory over 103 flights [rad/s^2 per N m] lies inside the interval."""

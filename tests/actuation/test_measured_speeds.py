@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
 
-from quadid_logs.align import cut
+from quadid_logs.align import Prepared, cut
 from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.data.model import Identification, Model
 from quadid_logs.data.settings import AlignSettings, IdentifySettings
@@ -50,8 +50,14 @@ def flown(every: int) -> tuple[FlightLog, dict]:  # type: ignore[type-arg]
 
 
 @cache
+def read(vehicle: Vehicle | None = None) -> Prepared:
+    """Return the flight as it is prepared, which compares both sources of torque, once for all tests."""
+    return prepare(flown(2)[0], vehicle)
+
+
+@cache
 def found(vehicle: Vehicle | None = None) -> Model:
-    data = cut(prepare(flown(2)[0], vehicle), AlignSettings())
+    data = cut(read(vehicle), AlignSettings())
     assert data.input is not None
     assert data.input.source == "ESC.RPM squared"
     model = identify(data, IdentifySettings()).recommended
@@ -74,7 +80,7 @@ def test_the_thrust_curve_of_the_firmware_no_longer_matters() -> None:
 
 def test_no_expo_is_looked_for_in_measured_thrust() -> None:
     """It goes with the square of speed."""
-    data = cut(prepare(flown(2)[0]), AlignSettings())
+    data = cut(read(), AlignSettings())
     assert identify(data, IdentifySettings()).thrust_curve is None
 
 
@@ -120,7 +126,7 @@ def test_a_thrust_stands_curve_goes_before_speeds() -> None:
 @pytest.mark.parametrize("vehicle", [None, VEHICLE])
 def test_speeds_are_put_back_to_when_they_were_true(vehicle: Vehicle | None) -> None:
     """By the delay with which they follow the commands, to two samples."""
-    prepared = prepare(flown(2)[0], vehicle)
+    prepared = read(vehicle)
     assert prepared.torque is not None
     logged_s = prepared.clean.sources("rotor_speed")[0].time_s
     shift_s = logged_s[0] - prepared.torque.series.time_s[0]
@@ -136,12 +142,21 @@ def averaged() -> FlightLog:
     return replace(log, signals={**log.signals, "rotor_speed": (replace(telemetry, values=values),)})
 
 
+@cache
+def averaged_read() -> Prepared:
+    return prepare(averaged())
+
+
 def test_speeds_that_predict_the_flight_worse_than_the_motor_commands_are_no_input() -> None:
     """Roll and pitch came out 22 % high, and usable."""
-    prepared = prepare(averaged())
+    prepared = averaged_read()
     assert prepared.torque is not None
     assert "through the mixer" in prepared.torque.series.source
-    model = identify(cut(prepared, AlignSettings()), IdentifySettings()).recommended
+
+
+@pytest.mark.thorough
+def test_where_measured_speeds_are_no_input_the_effectiveness_is_right() -> None:
+    model = identify(cut(averaged_read(), AlignSettings()), IdentifySettings()).recommended
     assert model is not None
     truth = np.diag(np.array(flown(2)[1]["models"]["damped"]["B"]))
     np.testing.assert_allclose(np.diag(model.B), truth, rtol=0.02)
@@ -161,7 +176,7 @@ def test_inertia_is_calibrated_by_the_motor_commands_where_they_are_the_input() 
 
 def test_two_sources_that_disagree_are_a_finding() -> None:
     """By how much, and that each ESC is to be checked; yaw, which agrees to 5 %, is not named."""
-    prepared = prepare(averaged())
+    prepared = averaged_read()
     data = cut(prepared, AlignSettings())
     (said,) = (each for each in find_in_torque(prepared.log, data, Identification()) if each.code == "QL312")
     assert said.level == "info"
@@ -175,7 +190,7 @@ def test_two_sources_that_disagree_are_a_finding() -> None:
 
 def test_two_sources_that_agree_are_no_finding_and_the_speeds_stay() -> None:
     """Their noise leaves a thousandth unexplained, and the effectiveness is the same."""
-    prepared = prepare(flown(2)[0])
+    prepared = read()
     data = cut(prepared, AlignSettings())
     codes = [each.code for each in find_in_torque(prepared.log, data, Identification())]
     assert "QL312" not in codes
@@ -185,7 +200,7 @@ def test_two_sources_that_agree_are_no_finding_and_the_speeds_stay() -> None:
 
 def test_sources_between_which_the_flight_does_not_decide_are_a_caution() -> None:
     """Of two numbers nobody knows which one is right."""
-    prepared = prepare(averaged())
+    prepared = averaged_read()
     torque = prepared.log.torque
     assert torque is not None
     assert torque.comparison is not None

@@ -96,7 +96,7 @@ def test_px4_motors_return_the_set_point_where_nothing_is_limited(corpus: Path, 
 @pytest.mark.parametrize(
     "name",
     thorough_but(
-        ["ac47_quadx_doublets", "ac47_quadx_default_logging"],
+        ["ac47_quadx_default_logging"],
         [name for name in ARDUPILOT if name != "ac47_quadx_multisine"],
     ),
 )
@@ -139,6 +139,7 @@ def test_the_torque_ratio_adds_the_inertia_of_yaw(corpus: Path, analyzed: Analyz
     assert (np.diag(inertia.ci95_high) > moments(truth)).all()
 
 
+@pytest.mark.thorough
 def test_px4_needs_no_more_than_mass_arm_and_ratio(corpus: Path, analyzed: Analyzed) -> None:
     """All three moments of the simulated PX4 quad within 3 % (8 % for yaw)."""
     path = corpus / "firmware" / "px4_quad_multisine.ulg"
@@ -249,7 +250,7 @@ def test_speeds_computed_from_the_command_are_no_measurement(made: FlightLog) ->
 
 def test_a_log_slower_than_its_loop_still_shows_where_the_mixer_limits() -> None:
     """Rows between those of RCOU differ where the command jumps, and no more than there."""
-    flight = simulate("saturation", seed=2, rate_hz=125.0)
+    flight = simulate("saturation", seed=2, rate_hz=125.0, duration_s=25.0)
     data = cut(prepare(flight.log), AlignSettings())
     assert data.input is not None
     assert data.input.saturated_fraction > 0.01

@@ -12,14 +12,14 @@ import pytest
 from quadid_logs import analyze
 from quadid_logs.autopilots import named
 from quadid_logs.control import recommend as recommend_module
-from quadid_logs.control.filter_design import most_noise
+from quadid_logs.control.filter_design import design_filters, most_noise
 from quadid_logs.control.filter_guard import is_no_worse, is_worth_it
 from quadid_logs.control.loop import gyro_filters
-from quadid_logs.control.separate_gains import _aliases
+from quadid_logs.control.separate_gains import Quick, _aliases
 from quadid_logs.data.health import Line, LineSource
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
-from quadid_logs.data.tuning import AxisTuning, Tuning, TuningVerdict
+from quadid_logs.data.tuning import AxisTuning, FilterChoices, Tuning, TuningVerdict
 from quadid_logs.load import read_log
 from quadid_logs.maths.spectra import averaged_spectra
 from quadid_logs.promise import promise_of
@@ -29,8 +29,10 @@ from quadid_logs.report.tune_page import tune_page
 from quadid_logs.simulate import fly
 from quadid_logs.simulate.logger import log_flights
 from quadid_logs.tuning import recommend
+from quadid_logs.vocabulary import AXES
 from quadid_logs.writers import write_log
 from study import filters as study
+from tests import tuned_flights
 
 #: Of the study's vehicles, one whose notch stands at a wrong place; its frame rings at 60.74 Hz.
 WRONG_NOTCH = 2
@@ -123,12 +125,72 @@ def test_filters_are_to_bring_a_twentieth_of_gust_error_or_noise(
     assert is_worth_it({"roll": _next(1.0, 1.0), "pitch": _next(gusts, noise)}, alone) is worth
 
 
+class _Behind:
+    """The best gains behind a notch, of which all is known that a choice of filters asks."""
+
+    def __init__(self, cost: float, noise: float, passes: float = 1.0) -> None:
+        self.quick_now, self._passes = Quick({}, cost, noise, missing=0.0), passes
+
+    def quick(self, _factors: Mapping[str, float]) -> Quick:
+        return self.quick_now
+
+    def told_of(self, _factors: Mapping[str, float]) -> Quick:
+        return self.quick_now
+
+    def phase_lost_deg(self) -> float:
+        return 1.0
+
+    def passes(self, _line_hz: float) -> tuple[float, float]:
+        return self._passes, 1.0
+
+
+class _Axis:
+    """An axis that flew with a notch on nothing; others by their frequency."""
+
+    too_noisy = 0.8
+
+    def __init__(self, others: Mapping[float, _Behind]) -> None:
+        self._others = others
+
+    def best(self) -> tuple[Any, Mapping[str, float]]:
+        return _Behind(1.0, 1.0), {}
+
+    def filtered(self, filters: Mapping[str, float]) -> Any:
+        return self._others.get(filters["NOTCH"])
+
+
+def _designed(others: Mapping[float, _Behind], *, shared: bool = True, still_hz: float = 60.0) -> list[float]:
+    """Return the frequencies of the notches that are chosen, most wanted first."""
+    choices = FilterChoices(notches=tuple({"NOTCH": each} for each in others))
+    axes = {axis: _Axis(others) for axis in ("roll", "pitch", "yaw")}
+    found = design_filters(axes, choices, {"NOTCH": 33.0}, [still_hz], shared=shared)
+    return [one.shared["NOTCH"] for one in found]
+
+
+def test_the_notch_that_leaves_least_noise_is_chosen_of_those_that_cost_as_little() -> None:
+    assert _designed({50.0: _Behind(1.0, 0.9), 60.0: _Behind(1.01, 0.4)})[0] == 60.0
+
+
+def test_no_notch_is_moved_for_a_twentieth_of_noise() -> None:
+    assert _designed({60.0: _Behind(1.0, 0.95)}) == []
+
+
+def test_no_notch_is_chosen_that_lets_a_line_close_the_loop() -> None:
+    assert _designed({50.0: _Behind(0.8, 0.4, passes=1.5), 60.0: _Behind(0.85, 0.5)})[0] == 60.0
+
+
+def test_a_notch_of_all_axes_is_not_moved_where_one_is_not_known() -> None:
+    assert _designed({60.0: _Behind(0.8, 0.4)}, shared=False) == []
+
+
+@pytest.mark.thorough
 def test_a_notch_at_a_wrong_place_is_moved_to_the_line(tuned: Tuning) -> None:
     for one in tuned.axes.values():
         assert one.filters["INS_HNTCH_FREQ"].next == pytest.approx(60.74, abs=1.0)
         assert "QL673" in [reason.code for reason in one.reasons]
 
 
+@pytest.mark.thorough
 def test_the_true_loop_behind_other_filters_has_the_margins_that_are_promised(tuned: Tuning) -> None:
     scenario, setting, _ = study.draw_vehicle(1, WRONG_NOTCH)
     flown = study.loaded(setting, {name: one.next for name, one in tuned.changes.items()})
@@ -141,17 +203,36 @@ def test_the_true_loop_behind_other_filters_has_the_margins_that_are_promised(tu
         assert told.ci95[0] <= true.value <= told.ci95[1], axis
 
 
+@pytest.mark.parametrize(("axes", "shared"), [(AXES, True), (("roll",), False)])
+def test_filters_of_all_axes_are_looked_at_where_every_axis_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, axes: tuple[str, ...], shared: bool
+) -> None:
+    asked = []
+
+    def noted(*_: object, shared: bool) -> tuple[Any, ...]:
+        asked.append(shared)
+        return ()
+
+    monkeypatch.setattr(recommend_module, "_decided", lambda *_, **__: _next(1.0))
+    monkeypatch.setattr(recommend_module, "design_filters", noted)
+    recommend(tuned_flights.flown("ardupilot"), axes=axes, filters=True)
+    assert asked == [shared]
+
+
+@pytest.mark.thorough
 def test_filters_of_all_axes_stay_where_an_axis_is_not_asked_for(flown: Result) -> None:
     for one in recommend(flown, axes=("roll",), filters=True).axes.values():
         assert all(name.startswith("ATC_RAT_RLL_") for name in one.filters)
 
 
+@pytest.mark.thorough
 def test_one_factor_changes_no_filters(flown: Result) -> None:
     assert not any(
         one.filters for one in recommend(flown, axes=("roll",), apart=False, filters=True).axes.values()
     )
 
 
+@pytest.mark.thorough
 def test_files_hold_each_filter_once_and_its_way_back(flown: Result, tuned: Tuning) -> None:
     files = gain_files(flown, tuned)
     for name in ("next.param", "back.param"):
@@ -160,6 +241,7 @@ def test_files_hold_each_filter_once_and_its_way_back(flown: Result, tuned: Tuni
     assert "INS_HNTCH_FREQ,61" in files["next.param"].replace(", ", ",")
 
 
+@pytest.mark.thorough
 def test_the_promise_holds_filters_as_it_holds_gains(flown: Result, tuned: Tuning) -> None:
     promise = promise_of(flown, tuned)
     assert promise is not None
@@ -168,6 +250,7 @@ def test_the_promise_holds_filters_as_it_holds_gains(flown: Result, tuned: Tunin
     assert told.back == flown.log.parameters["INS_HNTCH_FREQ"]
 
 
+@pytest.mark.thorough
 def test_the_page_shows_where_the_filters_stand(flown: Result, tuned: Tuning) -> None:
     page = tune_page(flown, tuned, Provenance(version="0", command="", log_sha256=""))
     assert "Noise against phase" in page

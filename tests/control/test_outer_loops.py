@@ -88,6 +88,7 @@ def sway(hold: PositionHold, autopilot: str, times: float) -> FloatArray:
     return np.array(found)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_velocity_gains_below_the_gain_margin_calm_down_and_gains_above_it_sway(autopilot: str) -> None:
     """The margin is that of the flown loop: 7 % beside it, 0.6 dB, the flight itself tells the side."""
@@ -199,6 +200,7 @@ def test_the_position_loop_takes_phase_from_the_velocity_loop() -> None:
     assert found.whole.phase_margin_deg.value < found.velocity.phase_margin_deg.value - 20.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_a_log_tells_the_margins_of_the_loop_that_flew(autopilot: str) -> None:
     """Through the whole analysis: the intervals hold the true margins at the voltage of the flight."""

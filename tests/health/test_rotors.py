@@ -60,6 +60,7 @@ def test_a_motor_that_loses_a_fifth_of_its_thrust_in_flight_is_named(autopilot: 
     assert [one.value for one in health.rotors.axes_change] == pytest.approx([0.95] * 3, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_a_motor_that_is_weak_from_the_beginning_is_named() -> None:
     """A load moves the balance of roll and pitch, a motor that of yaw too."""
     code, rotor, lost = only_fault(flown("weak-motor", duration_s=75.0))
@@ -77,6 +78,7 @@ def test_a_centre_of_mass_off_the_middle_is_no_weak_motor() -> None:
     assert health.rotors.level == "fact"
 
 
+@pytest.mark.thorough
 def test_a_bent_propeller_is_named_by_its_rotor() -> None:
     """The part of the gyro that turns with one rotor is larger than that of all others together."""
     code, rotor, size = only_fault(flown("bent-propeller", "px4"))
@@ -84,6 +86,7 @@ def test_a_bent_propeller_is_named_by_its_rotor() -> None:
     assert size > 0.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("autopilot", [thorough("ardupilot"), "betaflight"])
 def test_a_desync_of_80_ms_is_named_with_its_time(autopilot: str) -> None:
     """Motor 2 of the simulator is the rear left one; the manoeuvre begins 5.5 s after the simulation."""
@@ -95,6 +98,7 @@ def test_a_desync_of_80_ms_is_named_with_its_time(autopilot: str) -> None:
     assert health.rotors.faults[0].time_s == pytest.approx(middle_s, abs=0.2)
 
 
+@pytest.mark.thorough
 def test_an_accelerometer_at_the_end_of_its_range_is_found_without_a_counter() -> None:
     """The propeller that shakes it is found beside it."""
     health = flown("clipping")
@@ -117,6 +121,7 @@ def test_a_flight_without_a_fault_shows_none(scenario: str) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_rotors_that_move_independently_tell_what_each_gives() -> None:
     """Motor 2 gives 80 % of what the others give: 0.84 of the mean of all."""
     weak = Effects(disturbance_rad_s2=(1.3, 1.3, 0.43), motor_fault=2, motor_fault_at=0.0)

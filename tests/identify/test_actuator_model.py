@@ -136,6 +136,7 @@ def slow_log() -> FlightData:
     return flown(scenario, "px4")[0]
 
 
+@pytest.mark.thorough
 def test_a_log_with_each_step_of_the_loop_is_known_as_such(slow_log: FlightData) -> None:
     """By the loop's rate among the parameters."""
     data, _ = flown(dataclasses.replace(SCENARIOS["doublets"], duration_s=30.0), "px4")
@@ -145,6 +146,7 @@ def test_a_log_with_each_step_of_the_loop_is_known_as_such(slow_log: FlightData)
     assert not slow_log.input.every_step
 
 
+@pytest.mark.thorough
 def test_what_the_torque_was_between_the_samples_widens_the_interval(slow_log: FlightData) -> None:
     """Of the same flight, taken for one with each step of the loop, damping would be claimed too well."""
     assert slow_log.input is not None
@@ -194,6 +196,7 @@ def test_a_battery_takes_at_the_end_what_it_gave_at_the_beginning(steady: Design
     np.testing.assert_allclose(roll[:, 0], 0.01 / 60.0 * (steady.time_s - middle_s), atol=1e-4)
 
 
+@pytest.mark.thorough
 def test_a_known_notch_is_no_part_of_the_delay() -> None:
     """The delay of the vehicle is found, with a notch of 1 ms in the path of the gyro."""
     data = fly_plainly(QUAD, multisine(30.0), feedback=8.0)

@@ -192,6 +192,7 @@ def test_ignoring_the_lag_would_give_a_wrong_effectiveness(found: Identification
     assert abs(plain.B[0, 0] / QUAD.B[0, 0] - 1.0) > 0.03
 
 
+@pytest.mark.thorough
 def test_the_truth_may_have_no_lag_at_all() -> None:
     """ArduPilot's simulator has none: the lag found is near zero, the gain right."""
     truth = Truth(inertia=QUAD.inertia, damping=QUAD.damping, lag_s=0.0, delay_s=0.0)
@@ -235,6 +236,7 @@ def test_a_flight_of_which_one_half_of_the_blocks_is_cut_out_is_fitted_to_the_ot
     assert np.isfinite(found.B).all()
 
 
+@pytest.mark.thorough
 def test_axes_excited_in_turn_need_longer_windows_than_axes_excited_at_once() -> None:
     """A window that sees one axis only has directions that are all noise."""
     at_once = multisine(48.0)

@@ -84,6 +84,7 @@ def test_effectiveness_is_right_at_the_mean_thrust_although_the_firmware_is_not(
         assert parameter.ci95[0] <= truth[axis] <= parameter.ci95[1]
 
 
+@pytest.mark.thorough
 def test_a_right_expo_moves_no_number() -> None:
     """Where the firmware is believed, the torque stays what it was, to the last digit."""
     scenario = "sysid-quad-x"

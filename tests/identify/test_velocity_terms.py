@@ -84,6 +84,7 @@ def test_effectiveness_is_right_where_speed_is_a_term(models: dict[str, Model]) 
         assert found.value == pytest.approx(GAIN, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_thrust_times_speed_is_told_from_speed() -> None:
     """Pitch by forward speed grows with the throttle."""
     model = next(

@@ -150,6 +150,7 @@ def test_yaw_of_a_slow_log_is_known_to_its_interval(slow: Simulation) -> None:
     assert [entry.name for entry in model.parameters if entry.identifiable] == ["B33"]
 
 
+@pytest.mark.thorough
 def test_a_slow_log_without_setpoints_tells_nothing(slow: Simulation) -> None:
     """The torque of a slow log answers gusts, and nothing tells them from commands."""
     data = cut(prepare(slow.log), AlignSettings())
@@ -159,6 +160,7 @@ def test_a_slow_log_without_setpoints_tells_nothing(slow: Simulation) -> None:
     assert "Hz only" in found.skipped
 
 
+@pytest.mark.thorough
 def test_yaw_of_another_band_takes_its_own_row_only() -> None:
     """Roll and pitch stay to the last bit."""
     data = fly(QUAD, multisine(40.0), feedback=8.0)

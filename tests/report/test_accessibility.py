@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from quadid_logs.comparison import compare
+from quadid_logs.data.result import Result
 from quadid_logs.figures import figures_of
 from quadid_logs.repetition import repeat
 from quadid_logs.report.comparison_page import comparison_page
@@ -21,6 +22,7 @@ from quadid_logs.report.provenance import provenance_of
 from quadid_logs.report.repetition_page import repetition_page
 from quadid_logs.report.view import view_of
 from tests import chromium
+from tests.marks import thorough
 from tests.report.test_browser import SCROLL
 from tests.synthetic_results import hostile_result, refused_result, usable_result
 from tests.synthetic_tuning import synthetic_tune_page
@@ -60,40 +62,55 @@ def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
         return member.read().decode("utf-8")
 
 
+RESULTS = {"usable": lambda: usable_result(8.0), "refused": refused_result, "hostile": hostile_result}
+
+
 @functools.cache
-def pages() -> dict[str, str]:
-    """Return the pages to look at: a usable, a refused and a hostile report, and those beside it."""
-    results = {"usable": usable_result(8.0), "refused": refused_result(), "hostile": hostile_result()}
-    texts = {
-        name: render_html(view_of(result, provenance_of("x", "quadid-log analyze x")), figures_of(result))
-        for name, result in results.items()
-    }
-    return {
-        **texts,
-        "index": index_page([index_row(result, name) for name, result in results.items()]),
-        "compare": comparison_page(*[results["usable"]] * 2, compare(*[results["usable"]] * 2)),
-        "repeat": repetition_page(repeat(flights([430.0, 440.0, 470.0]))),
-        "tune": synthetic_tune_page(),
-        "document": markdown_page("# Plan\n\n## Set\n\n- this\n\n| | a |\n|---|---|\n| b | 1 |"),
-    }
+def result_of(name: str) -> Result:
+    return RESULTS[name]()
+
+
+def page_of(name: str) -> str:
+    """Return a page to look at: a usable, a refused or a hostile report, or one of those beside it."""
+    if name in RESULTS:
+        result = result_of(name)
+        return render_html(view_of(result, provenance_of("x", "quadid-log analyze x")), figures_of(result))
+    if name == "index":
+        return index_page([index_row(result_of(one), one) for one in RESULTS])
+    if name == "compare":
+        both = [result_of("usable")] * 2
+        return comparison_page(*both, compare(*both))
+    if name == "repeat":
+        return repetition_page(repeat(flights([430.0, 440.0, 470.0])))
+    if name == "tune":
+        return synthetic_tune_page()
+    return markdown_page("# Plan\n\n## Set\n\n- this\n\n| | a |\n|---|---|\n| b | 1 |")
 
 
 PAGES = ("usable", "refused", "hostile", "index", "compare", "repeat", "tune", "document")
-#: A hostile report on a phone has the parts of a usable one.
 CASES = [(name, width, dark) for name in PAGES for width, dark in ((1280, False), (400, True))]
-QUICK = [one for one in CASES if one != ("hostile", 400, True)]
+#: Each page once, and each of the two styles on pages of every kind; a hostile report has the parts of a
+#: usable one.
+QUICK = [
+    ("usable", 1280, False),
+    ("refused", 400, True),
+    ("index", 400, True),
+    ("compare", 1280, False),
+    ("repeat", 400, True),
+    ("tune", 400, True),
+    ("document", 1280, False),
+]
 
 
 @pytest.mark.parametrize(
-    ("name", "width", "dark"),
-    [pytest.param(*one, marks=() if one in QUICK else pytest.mark.thorough) for one in CASES],
+    ("name", "width", "dark"), [one if one in QUICK else thorough(*one) for one in CASES]
 )
 def test_axe_finds_no_serious_problem(
     browser: chromium.Browser, axe: str, tmp_path: Path, name: str, width: int, dark: bool
 ) -> None:
     """Contrast, names, roles, headings, on a desk in daylight and on a phone at night."""
     path = tmp_path / f"{name}.html"
-    path.write_text(pages()[name], encoding="utf-8")
+    path.write_text(page_of(name), encoding="utf-8")
     browser.show(width, dark=dark)
     browser.open(path)
     browser.run(SCROLL)

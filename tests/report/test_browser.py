@@ -272,8 +272,12 @@ def test_the_summary_is_printed_on_one_page(browser: chromium.Browser, page: Pat
     assert browser.run("document.querySelectorAll('details[open]').length") == 0
 
 
+@pytest.mark.thorough
 def test_a_printed_report_is_small_enough_to_send(browser: chromium.Browser, long_drawn: None) -> None:
-    """An 80 s flight at 400 Hz took 18 MB of PDF while paper showed every point, each half transparent."""
+    """An 80 s flight at 400 Hz took 18 MB of PDF while paper showed every point, each half transparent.
+
+    Why it is small is held by `test_paper_shows_fewer_points_and_no_lower_peak`.
+    """
     assert len(browser.pdf()) < 3_000_000
     becomes(browser, "document.getElementById('chart-aligned')._fullData[0].x.length > 2500", True)
 

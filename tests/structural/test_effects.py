@@ -109,7 +109,7 @@ def test_a_clean_flight_is_usable_and_its_interval_narrow(name: str, setpoints: 
         ("mode", "roll", "QL525"),
         ("tilt", "roll", "QL526"),
         thorough("pendulum", "pitch", "QL526"),
-        ("alternating", "roll", "QL528"),
+        thorough("alternating", "roll", "QL528"),
         ("tone", "pitch", "QL420"),
     ],
 )
@@ -138,13 +138,15 @@ def test_the_interval_holds_what_the_effect_hides(name: str, axis: str) -> None:
     assert high > 0.98 * flight.gain[AXES.index(axis)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_a_load_on_a_string_is_named(axis: str) -> None:
     """It follows the tilt in another phase than a pendulum: a moment of the tilt explained nothing."""
     assert "QL526" in codes(as_slung(setpoints=False), axis)
 
 
-@pytest.mark.parametrize("setpoints", [thorough(True), False])
+@pytest.mark.thorough
+@pytest.mark.parametrize("setpoints", [True, False])
 def test_the_interval_holds_what_a_load_on_a_string_hides(setpoints: bool) -> None:
     """Roll and pitch are 4 to 6 % high."""
     result = as_slung(setpoints=setpoints)
@@ -182,7 +184,7 @@ def test_a_torque_computed_from_the_rates_is_refused() -> None:
     assert "QL520" in codes(result, "yaw")
 
 
-@pytest.mark.parametrize("steps", [4, 20])
+@pytest.mark.parametrize("steps", [4, thorough(20)])
 def test_of_commands_cut_toward_zero_the_interval_holds_the_truth(steps: int) -> None:
     """A cast to whole numbers made the effectiveness 2 to 25 % too high, without a word."""
     flight = flown()["clean doublets"]

@@ -56,6 +56,7 @@ def rough() -> Flight:
     return flown(1.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_flown_air_leaves_roll_and_pitch_a_number_that_holds_the_truth(rough: Flight, axis: str) -> None:
     """The torque explains 83 to 87 % of the acceleration, and 95 % and more of what was commanded."""
@@ -63,6 +64,7 @@ def test_flown_air_leaves_roll_and_pitch_a_number_that_holds_the_truth(rough: Fl
     assert rough.holds(axis)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", [0, 1])
 def test_sticks_tell_roll_and_pitch_to_a_fifth(rough: Flight, axis: int) -> None:
     """The set-points answer every gust through the attitude; the sticks answer none."""
