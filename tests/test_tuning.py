@@ -43,7 +43,7 @@ from tests.analyses import Analyzed
 from tests.control.loop_flights import Vehicle
 from tests.marks import thorough, thorough_but
 from tests.synthetic_tuning import synthetic_tune_page
-from tests.tuned_flights import flown, of_axes
+from tests.tuned_flights import as_flown, flown, of_axes
 
 ROLL = ("ATC_RAT_RLL_P", "ATC_RAT_RLL_I", "ATC_RAT_RLL_D")
 #: A tenth of the command's range on every axis, far above any crossover.
@@ -316,6 +316,33 @@ def test_gains_one_by_one_reject_gusts_better_than_one_factor(raised: Tuning, ap
         for found in (apart, raised.axes["roll"])
     ]
     assert errors[0] < errors[1]
+
+
+def test_it_does_not_matter_which_of_two_parameters_holds_the_gain_of_px4s_loop() -> None:
+    """MC_ROLLRATE_K multiplies P, I and D: a P at the end of its range and a small K are the same loop."""
+    before = of_axes(flown("px4"), "roll")
+    gains = {name: before.log.parameters[f"MC_ROLLRATE_{name}"] for name in "KPID"}
+    more = 0.5 / gains["P"]
+    same = {f"MC_ROLLRATE_{name}": more * gains[name] for name in "PID"} | {
+        "MC_ROLLRATE_K": gains["K"] / more
+    }
+    errors = [
+        recommend(one, GOOD, ["roll"], ranges=AS_FLOWN).axes["roll"].attitude_error
+        for one in (before, as_flown(before, **same))
+    ]
+    assert errors[1] == pytest.approx(errors[0], rel=0.01)
+
+
+def test_no_parameter_of_px4_is_raised_beyond_its_documented_range() -> None:
+    """MC_ROLLRATE_P may be 0.5, D 0.01 and K 5 at most."""
+    before = of_axes(flown("px4"), "roll")
+    more = 0.5 / before.log.parameters["MC_ROLLRATE_P"]
+    same = {f"MC_ROLLRATE_{name}": more * before.log.parameters[f"MC_ROLLRATE_{name}"] for name in "PID"}
+    result = as_flown(before, **same, MC_ROLLRATE_K=1.0 / more)
+    changes = recommend(result, GOOD, ["roll"], ranges=AS_FLOWN).axes["roll"].changes
+    highest = {"MC_ROLLRATE_P": 0.5, "MC_ROLLRATE_D": 0.01, "MC_ROLLRATE_K": 5.0}
+    assert "MC_ROLLRATE_K" in changes
+    assert all(one.next <= highest[name] for name, one in changes.items() if name in highest)
 
 
 def wind_rad(result: Result, changes: dict[str, float]) -> float:
