@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import itertools
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from functools import partial
@@ -22,6 +23,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots import named
 from quadid_logs.control.loop import close
 from quadid_logs.control.scaled_loop import scaled_loops, spare
+from quadid_logs.data.catalogue import WELL_EXCITED_DEG_S
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.off_nominal import AS_FLOWN
@@ -35,6 +37,7 @@ from quadid_logs.simulate.true_loop import true_controller, true_plant
 from quadid_logs.simulate.wind import Wind
 from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
+from study.draw import Manoeuvre
 from study.tuning import (
     analyzed,
     changed,
@@ -53,8 +56,10 @@ GUSTS: Final = (0.15, 0.5, 1.0)
 #: So many times a pilot changes the gains of an axis, in so many flights: of some nothing comes.
 N_CHANGES: Final = 3
 _MOST_FLIGHTS: Final = 6
-#: A pilot who is told to fly gentler manoeuvres does.
+#: A pilot who is told to fly gentler manoeuvres does, or stronger ones about an axis: these findings say so
+#: where it turned less than is called enough.
 _GENTLER: Final = 0.6
+_STRONGER: Final = ("QL403", "QL503", "QL504", "QL505")
 #: A pilot who is told to fly manoeuvres that reach twice the crossover does: sums of sines from here, up to
 #: here at least [Hz], of so many times the rate of doublets.
 _BEGINS_HZ: Final = (0.25, 0.25, 0.15)
@@ -75,9 +80,17 @@ _ROLL: Final = 1.3
 _YAW: Final = 1.5
 #: Values in a file are rounded.
 _ROUNDING: Final = 0.02
+#: The search of the best gains: vehicles by gain, generations, steps of its end.
+_POPULATION: Final = 8
+_GENERATIONS: Final = 40
+_POLISHED: Final = 600
 #: The best gains lie within these factors of the vehicle's suited ones.
 _FACTORS: Final = (0.02, 50.0)
 _PENALTY: Final = 30.0
+
+
+#: Of the vehicles that flew, the best factors by seed, vehicle and axis.
+_BEST: dict[tuple[int, int, int], FloatArray] = {}
 
 
 class Judge(NamedTuple):
@@ -136,8 +149,8 @@ class Judge(NamedTuple):
         """Return the worst of the true margins over its limit."""
         return spare(scaled_loops(controller, self.plant, np.inf).margins(), GOOD)
 
-    def cost(self, factors: FloatArray, most_noise: float) -> float:
-        """Return the error, and what is missing of the limits."""
+    def missing(self, factors: FloatArray, most_noise: float) -> float:
+        """Return what is missing of all that the best gains keep, 0 for nothing."""
         proportional, integral = factors[:2] / self.flown[:2]
         # The integral gain holds what no spectrum shows, as a load off centre: it falls with P alone.
         missing = max(min(proportional, 1.0) / integral - 1.0, 0.0)
@@ -146,11 +159,17 @@ class Judge(NamedTuple):
         missing += max(1.0 - self.spare(controller), 0.0)
         missing += max(self.noise(controller) / most_noise - 1.0, 0.0)
         bandwidth_hz, peak_db = self.attitude(controller)
-        missing += max(1.0 - bandwidth_hz / self.least_hz, 0.0) + max(peak_db / _MOST_PEAK_DB - 1.0, 0.0)
-        return float(np.log(self.error_rad(controller)) + _PENALTY * missing)
+        return (
+            missing + max(1.0 - bandwidth_hz / self.least_hz, 0.0) + max(peak_db / _MOST_PEAK_DB - 1.0, 0.0)
+        )
+
+    def cost(self, factors: FloatArray, most_noise: float) -> float:
+        """Return the error as a logarithm, and what is missing of the limits."""
+        error_rad = self.error_rad(self.controller(factors))
+        return float(np.log(error_rad) + _PENALTY * self.missing(factors, most_noise))
 
 
-def best_factors(judge: Judge, most_noise: float) -> FloatArray:
+def best_factors(judge: Judge, most_noise: float, flown: FloatArray | None = None) -> FloatArray:
     """Search P, I, D and the angle gain for the least attitude error; knows the true vehicle and no log.
 
     Parameters
@@ -158,6 +177,8 @@ def best_factors(judge: Judge, most_noise: float) -> FloatArray:
     judge : Judge
     most_noise : float
         Of the command.
+    flown : ndarray, shape (n_flights, 4), optional
+        Factors that the search begins at, instead of everywhere.
 
     Returns
     -------
@@ -174,11 +195,16 @@ def best_factors(judge: Judge, most_noise: float) -> FloatArray:
         factors[varied] = np.exp(logs)
         return judge.cost(factors, most_noise)
 
-    bounds = [tuple(np.log(_FACTORS))] * varied.size
-    found = differential_evolution(cost, bounds, seed=1, popsize=8, maxiter=30, tol=1e-4, polish=False)
     from scipy.optimize import minimize
 
-    polished = minimize(cost, found.x, method="Nelder-Mead", options={"maxiter": 300, "xatol": 1e-3})
+    if flown is None:
+        bounds = [tuple(np.log(_FACTORS))] * varied.size
+        begin = differential_evolution(
+            cost, bounds, seed=1, popsize=_POPULATION, maxiter=_GENERATIONS, tol=1e-4, polish=False
+        ).x
+    else:
+        begin = min(np.log(flown[:, varied]), key=cost)
+    polished = minimize(cost, begin, method="Nelder-Mead", options={"maxiter": _POLISHED, "xatol": 1e-3})
     factors = np.ones(4)
     factors[varied] = np.exp(polished.x)
     return factors
@@ -215,8 +241,9 @@ def measure_road(seed: int, number: int) -> dict[str, Any]:
     effects = dataclasses.replace(drawn.effects, disturbance_rad_s2=(gusts, gusts, 0.5 * gusts))
     scenario = dataclasses.replace(drawn, wind=Wind(), effects=effects)
     factors = of_each_gain(flyable(scenario, autopilot, np.random.default_rng([seed, vehicle, *b"detuning"])))
+    manoeuvre, strength = scenario.manoeuvre, np.ones(3)
     judges: list[Judge] = []
-    best: list[dict[str, Any]] = []
+    most: list[float] = []
     flights: list[dict[str, Any]] = []
     alone: list[Result] = []
     differed = False
@@ -228,10 +255,10 @@ def measure_road(seed: int, number: int) -> dict[str, Any]:
             result = with_earlier(alone[-1], alone[:-1])
         if not judges:
             judges = [_judge(setup, result.log.parameters, axis) for axis in range(3)]
-            best = [_best(one, factors[:, axis]) for axis, one in enumerate(judges)]
+            most = [max(_MOST_NOISE, one.noise(one.controller(factors[:, one.axis]))) for one in judges]
         told: dict[str, Any] = {"factors": factors.tolist()}
         told["axes"] = {
-            axis: _true(judges[place], factors[:, place], best[place]) for place, axis in enumerate(AXES)
+            axis: _true(judges[place], factors[:, place], most[place]) for place, axis in enumerate(AXES)
         }
         flights.append(told)
         may = n_changes < N_CHANGES
@@ -250,26 +277,46 @@ def measure_road(seed: int, number: int) -> dict[str, Any]:
         gentler = any(one.code in {"QL617", "QL635"} for each in tuning.axes.values() for one in each.reasons)
         # Kept for what this flight does not show: the next one, with the same gains, shows more.
         again = any(one.code in {"QL646", "QL647"} for each in tuning.axes.values() for one in each.reasons)
-        if not (tuning.changes or gentler or again or differs):
+        weak = np.array([axis in tuning.axes and _is_weak(result, tuning, axis) for axis in AXES])
+        if not (tuning.changes or gentler or again or differs or weak.any()):
             break
         if gentler:
-            scenario = dataclasses.replace(scenario, manoeuvre=_gentler(scenario.manoeuvre))
-        elif any(one.code == "QL647" for each in tuning.axes.values() for one in each.reasons):
-            scenario = dataclasses.replace(scenario, manoeuvre=_wider(scenario.manoeuvre, result))
+            strength *= _GENTLER
+        else:
+            strength[weak] /= _GENTLER
+            if any(one.code == "QL647" for each in tuning.axes.values() for one in each.reasons):
+                manoeuvre = _wider(manoeuvre, result)
+        scenario = dataclasses.replace(
+            scenario, manoeuvre=partial(_flown, manoeuvre=manoeuvre, strength=strength.copy())
+        )
         factors = factors * np.where(may, changed(every, result), 1.0)
         n_changes += [axis in tuning.axes and bool(tuning.axes[axis].changes) for axis in AXES]
+    best = [_best(one, noise, (seed, vehicle), flights) for one, noise in zip(judges, most, strict=True)]
+    for flight in flights:
+        for axis, one in zip(AXES, best, strict=True):
+            flight["axes"][axis]["over_best"] = flight["axes"][axis]["error_rad"] / one["error_rad"]
     return {"number": number, "seed": seed, "gusts": gusts, **settings, "best": best, "flights": flights}
 
 
-def _gentler(manoeuvre: Any) -> Any:
-    """Return the same manoeuvre with smaller rates."""
-    assert isinstance(manoeuvre, partial)
-    smaller = {
-        name: tuple(_GENTLER * each for each in value) if isinstance(value, tuple) else _GENTLER * value
-        for name, value in manoeuvre.keywords.items()
-        if name in {"rms_rad_s", "amplitude_rad_s"}
-    }
-    return partial(manoeuvre.func, **{**manoeuvre.keywords, **smaller})
+def _flown(
+    time_s: FloatArray, rng: np.random.Generator, *, manoeuvre: Manoeuvre, strength: FloatArray
+) -> manoeuvres.Reference:
+    """Fly a manoeuvre with so many times its rates about each axis, shape (3,)."""
+    reference = manoeuvre(time_s, rng)
+    return dataclasses.replace(reference, rate_rad_s=strength * reference.rate_rad_s)
+
+
+def _is_weak(result: Result, tuning: Tuning, axis: str) -> bool:
+    """Tell whether the pilot is told to fly stronger manoeuvres about an axis that is refused."""
+    codes = {one.code for one in tuning.axes[axis].reasons}
+    if "QL618" in codes or "QL615" not in codes:
+        return "QL618" in codes
+    rates = (
+        one.evidence.get("rate_rms_deg_s")
+        for one in result.diagnosis.findings
+        if axis in one.axes and one.code in _STRONGER
+    )
+    return any(isinstance(one, float | int) and one < WELL_EXCITED_DEG_S for one in rates)
 
 
 def _wider(manoeuvre: Any, result: Result) -> Any:
@@ -293,35 +340,44 @@ def _judge(setup: Setup, parameters: Mapping[str, float], axis: int) -> Judge:
     assert tunable is not None
     names = tunable.axes[AXES[axis]]
     flown = np.array(setup.tuning.single_gain)[:, axis]
-    single = (names.proportional, names.integral, names.derivative, names.angle)
-    ranges = np.array(
-        [names.factors(name, parameters[name])[1] if parameters.get(name) else 1.0 for name in single]
-    )
+    own = (names.proportional, names.integral, names.derivative)
+
+    def most(name: str) -> float:
+        return names.factors(name, parameters[name])[1] if parameters.get(name) else np.inf
+
+    # A gain that multiplies all three takes each of them beyond its own range.
+    common = math.prod(map(most, names.common))
+    ranges = np.array([*(common * most(name) for name in own), most(names.angle)])
     judge = Judge(setup, true_plant(setup, resting_truth(setup), axis), axis, flown, flown * ranges, np.nan)
     # Gusts alone would have the attitude follow its pilot slowly: not slower than with gains that suit it.
     return judge._replace(least_hz=judge.attitude(judge.controller(np.ones(4)))[0])
 
 
-def _best(judge: Judge, flown: FloatArray) -> dict[str, Any]:
-    """Return the best factors and their error; noise may be what it is allowed to be, or what it was."""
-    most_noise = max(_MOST_NOISE, judge.noise(judge.controller(flown)))
-    factors = best_factors(judge, most_noise)
+def _best(
+    judge: Judge, most_noise: float, vehicle: tuple[int, int], flights: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Return the best factors and their error; noise may be what it is allowed to be, or what it was.
+
+    Gusts are alike but for their strength, so the best gains of a vehicle are those in any air.
+    """
+    key = (*vehicle, judge.axis)
+    if key not in _BEST:
+        _BEST[key] = best_factors(judge, most_noise)
+    # A search may end beside the best: gains that flew are where it begins again.
+    flown = np.array([flight["axes"][AXES[judge.axis]]["factors"] for flight in flights])
+    again = best_factors(judge, most_noise, np.unique(flown, axis=0))
+    factors = _BEST[key] = min(_BEST[key], again, key=lambda one: judge.cost(one, most_noise))
+    return _true(judge, factors, most_noise)
+
+
+def _true(judge: Judge, factors: FloatArray, most_noise: float) -> dict[str, Any]:
+    """Return what is true of an axis with some gains."""
     controller = judge.controller(factors)
     return {
-        "factors": factors.tolist(),
         "error_rad": judge.error_rad(controller),
         "spare": judge.spare(controller),
         "noise": judge.noise(controller),
-    }
-
-
-def _true(judge: Judge, factors: FloatArray, best: dict[str, Any]) -> dict[str, Any]:
-    """Return what is true of an axis with the gains of a flight."""
-    controller = judge.controller(factors)
-    return {
-        "over_best": judge.error_rad(controller) / best["error_rad"],
-        "spare": judge.spare(controller),
-        "noise": judge.noise(controller),
+        "missing": judge.missing(factors, most_noise),
         "factors": factors.tolist(),
     }
 
@@ -374,6 +430,9 @@ def summarise(roads: list[dict[str, Any]]) -> str:
                 f"| {axis}, {name} | {len(some)} | {np.median(first):.2f} | {np.median(last):.2f} "
                 f"({np.quantile(last, 0.9):.2f}) | {_percent(last <= _ROLL)} | {_percent(last <= _YAW)} |"
             )
+    ends = [one["flights"][-1]["axes"][axis] for one in flown for axis in AXES]
+    every = [one["over_best"] for one in ends]
+    below = [one["missing"] > 0.0 for one in ends if one["over_best"] < 1.0]
     pairs = [pair for one in flown for axis in AXES for pair in _changes(one, axis)]
     kept = [after >= min(1.0, before) - _ROUNDING for before, after in pairs]
     least = min((after for _, after in pairs if after), default=float("nan"))
@@ -382,6 +441,9 @@ def summarise(roads: list[dict[str, Any]]) -> str:
         f"- Changes of gains: {len(pairs)}; the true loop kept its limits, or what it had of them, in "
         f"{_percent(np.array(kept))}; unstable: {sum(after <= 0.0 for _, after in pairs)}; least part of the "
         f"limits kept after a change: {least:.2f}.",
+        f"- Ends below the error of the best gains: {len(below)}, of which {sum(map(bool, below))} lack what "
+        "these keep (bandwidth of the attitude, integral gain, noise); least ratio "
+        f"{min(every, default=float('nan')):.2f}.",
     ]
     codes = Counter(
         " ".join([code, *(["(" + " ".join(told["codes"]) + ")"] if code == "QL615" else [])])

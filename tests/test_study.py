@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
+from functools import partial
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pandas as pd
@@ -12,11 +15,14 @@ import pytest
 
 from quadid_logs.autopilots import named
 from quadid_logs.control.loop import close
-from quadid_logs.data.tuning import AxisTuning, GainChange
+from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, Tuning
+from quadid_logs.diagnose.findings import finding
 from quadid_logs.simulate import fly, plan_flights
 from quadid_logs.simulate.true_loop import true_controller, true_plant
+from quadid_logs.simulate.vendors import parameters
 from quadid_logs.vocabulary import AXES
-from study import run
+from study import optimum, run
 from study.draw import FRAMES, GYRO_SCALE_SIGMA, MANOEUVRES, draw_flight
 from study.margin_tables import WORDS, draw_margins, loops_of, margins_page
 from study.margins import draw_loop, measure_loops
@@ -34,7 +40,8 @@ from study.summary import (
     read_flights,
     verdict_table,
 )
-from study.tuning import _ratios
+from study.tuning import _ratios, draw_vehicle, of_each_gain
+from study.tuning import setup_of as flight_of
 
 
 @pytest.fixture(scope="module")
@@ -449,3 +456,45 @@ def test_a_tuned_vehicle_flies_every_gain_of_its_file() -> None:
 
     assert found(MC_ROLLRATE_K=1.3) == [1.3, 1.3, 1.3, 1.0]
     assert found(MC_ROLLRATE_P=1.2, MC_ROLLRATE_D=0.8, MC_ROLL_P=1.1) == [1.2, 1.0, 0.8, 1.1]
+
+
+@functools.cache
+def _judged(axis: int) -> tuple[optimum.Judge, dict[str, float]]:
+    """An axis of a drawn vehicle of PX4, and the parameters of its log."""
+    scenario, autopilot, _ = next(one for one in map(partial(draw_vehicle, 5), range(20)) if one[1] == "px4")
+    gusty = dataclasses.replace(scenario.effects, disturbance_rad_s2=(1.0, 1.0, 0.5))
+    scenario = dataclasses.replace(scenario, effects=gusty)
+    setup = flight_of(scenario, autopilot, of_each_gain((1.0, 1.0, 1.0)), 1)
+    known = parameters(setup, rate_hz=280.0)
+    return optimum._judge(setup, known, axis), known
+
+
+def test_the_best_gains_of_px4_are_bounded_by_what_both_of_its_parameters_make() -> None:
+    """MC_ROLLRATE_P may be 0.5, and MC_ROLLRATE_K, which multiplies it, 5: `tune` may set both."""
+    judge, known = _judged(0)
+    assert judge.highest[0] * known["MC_ROLLRATE_P"] == pytest.approx(0.5 * 5.0)
+    assert judge.highest[2] * known["MC_ROLLRATE_D"] == pytest.approx(0.01 * 5.0)
+    assert judge.highest[3] * known["MC_ROLL_P"] == pytest.approx(12.0)
+
+
+def test_no_gains_that_flew_and_keep_everything_are_better_than_the_best(monkeypatch) -> None:
+    """Where the search ends elsewhere, it goes on from them."""
+    judge, _ = _judged(0)
+    monkeypatch.setattr(optimum, "_POLISHED", 20)
+    good = optimum.best_factors(judge, 0.05, np.ones((1, 4)))
+    monkeypatch.setattr(optimum, "_BEST", {(5, 0, 0): np.array([0.5, 0.5, 0.5, 1.0])})
+    flights = [{"axes": {"roll": {"factors": one}}} for one in ([1.0, 1.0, 1.0, 1.0], good.tolist())]
+    best = optimum._best(judge, 0.05, (5, 0), flights)
+    assert best["error_rad"] <= judge.error_rad(judge.controller(good))
+
+
+@pytest.mark.parametrize(
+    ("rms_deg_s", "code", "is_weak"),
+    [(12.0, "QL615", True), (30.0, "QL615", False), (12.0, "QL641", False), (30.0, "QL618", True)],
+)
+def test_a_pilot_flies_stronger_where_he_is_told_to(rms_deg_s: float, code: str, is_weak: bool) -> None:
+    """The finding asks for that below 20 deg/s; a model that is too uncertain for gains always does."""
+    seen = finding("QL504", "error", {"rate_rms_deg_s": rms_deg_s}, axes=("yaw",))
+    result = cast(Result, SimpleNamespace(diagnosis=SimpleNamespace(findings=[seen])))
+    refused = AxisTuning(verdict="refused", reasons=(finding(code, "warning", {}, axes=("yaw",)),))
+    assert optimum._is_weak(result, Tuning(axes={"yaw": refused}, limits=GOOD), "yaw") == is_weak

@@ -39,6 +39,9 @@ def _findings(axis: str, tuned: AxisTuning, names: GainNames) -> Iterator[Findin
     held = {
         name: high for name, (_, high) in ranges.items() if changed[name].target >= high * (1.0 - _AT_END)
     }
+    # What multiplies P, I and D takes them further, up to the end of its own range.
+    if names.common and not set(names.common) & set(held):
+        held = {name: high for name, high in held.items() if name == names.angle}
     below = {name: low for name, (low, _) in ranges.items() if changed[name].next < low}
     if held:
         title = f"{_words(held)} is the highest value that the firmware documents"

@@ -161,22 +161,48 @@ class Disturbed(NamedTuple):
 
 
 class _Varied(NamedTuple):
-    """The gains of an axis as they flew: those that are varied, and the other end of a range of D with it."""
+    """The gains of an axis as they flew: those that are varied, and what goes with them.
+
+    ``with_d`` is the other end of a range of D, ``common`` what multiplies P, I and D.
+    """
 
     names: GainNames
     now: Mapping[str, float]
     with_d: Mapping[str, float]
+    common: Mapping[str, float]
 
     def values(self, factors: Mapping[str, float], *, exact: bool = False) -> dict[str, float]:
-        """Return gains by parameter, as they stand in a file or not rounded to that."""
+        """Return gains by parameter, as they stand in a file; or not rounded to that, each by itself."""
         written = float if exact else self.names.written
         of_d = factors.get(self.names.derivative, 1.0)
-        pairs = {name: (factor, self.now[name]) for name, factor in factors.items()}
+        beyond = 1.0 if exact else self._beyond(factors)
+        pairs = {
+            name: (factor if name == self.names.angle else factor / beyond, self.now[name])
+            for name, factor in factors.items()
+        }
         pairs |= {name: (of_d, value) for name, value in self.with_d.items()}
+        if beyond > 1.0:
+            pairs |= {name: (beyond, value) for name, value in self.common.items()}
         # What stays is not rounded, either.
         return {
             name: now if factor == 1.0 else written(factor * now) for name, (factor, now) in pairs.items()
         }
+
+    def highest(self, name: str) -> float:
+        """Return the largest factor on a gain that the firmware documents.
+
+        What multiplies P, I and D takes each of them beyond its own range.
+        """
+        own = self.names.factors(name, self.now[name])[1]
+        if name == self.names.angle:
+            return own
+        return own * math.prod(self.names.factors(one, value)[1] for one, value in self.common.items())
+
+    def _beyond(self, factors: Mapping[str, float]) -> float:
+        """Return what P, I and D leave to the gain that multiplies them: what is beyond their own ranges."""
+        own = (name for name in factors if self.common and name != self.names.angle)
+        beyond = (factors[name] / self.names.factors(name, self.now[name])[1] for name in own)
+        return max(1.0, max(beyond, default=1.0))
 
 
 def separate_gains(
@@ -218,7 +244,9 @@ def _varied(case: Case) -> _Varied:
     flown = {name: case.parameters.get(name, 0.0) for name in (*own, names.angle)}
     now = {name: value for name, value in flown.items() if np.isfinite(value) and value > 0.0}
     ends = names.scaled if names.derivative in names.scaled else ()
-    return _Varied(names, now, {name: case.parameters[name] for name in ends if name not in own})
+    with_d = {name: case.parameters[name] for name in ends if name not in own}
+    common = {name: case.parameters[name] for name in names.common if case.parameters[name] > 0.0}
+    return _Varied(names, now, with_d, common)
 
 
 def _taken_apart(
@@ -385,7 +413,7 @@ class SeparateGains:
 
     def _most(self, name: str) -> float:
         """Return the largest factor on a gain that is searched, or that the firmware documents."""
-        return min(self._highest, self._names.factors(name, self._now[name])[1])
+        return min(self._highest, self._varied.highest(name))
 
     def _search(
         self, begins: list[dict[str, float]], bounds: _Bounds, most_up: float, *, rough: bool = False
@@ -760,9 +788,10 @@ class SeparateGains:
 
     def _changes(self, factors: Mapping[str, float], target: Mapping[str, float]) -> dict[str, GainChange]:
         following, wanted = self._varied.values(factors), self._varied.values(target)
+        common = {name: now for name, now in self._varied.common.items() if name in {**following, **wanted}}
         return {
-            name: GainChange(now, following[name], wanted[name])
-            for name, now in {**self._now, **self._varied.with_d}.items()
+            name: GainChange(now, following.get(name, now), wanted.get(name, now))
+            for name, now in {**self._now, **self._varied.with_d, **common}.items()
         }
 
 

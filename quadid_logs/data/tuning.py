@@ -91,6 +91,13 @@ class GainNames:
     low_passes: tuple[str, ...] = ()
     whole: bool = False
 
+    @property
+    def common(self) -> tuple[str, ...]:
+        """Those that multiply P, I and D and so take each of them beyond its own range; often none."""
+        own = (self.proportional, self.integral, self.derivative)
+        # Where D is scaled by itself, another name is the other end of its range.
+        return () if self.derivative in self.scaled else tuple(one for one in self.scaled if one not in own)
+
     def factors(self, name: str, flown: float) -> tuple[float, float]:
         """Return least and largest factor on a flown gain within its range.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -79,6 +80,19 @@ def told(now: float, following: float, target: float) -> list[str]:
 def test_a_target_at_the_end_of_its_range_is_said_to_be_held_there() -> None:
     assert told(0.3, 0.45, 0.5) == ["QL637"]
     assert told(0.3, 0.45, 0.49) == []
+
+
+def test_a_gain_that_another_multiplies_is_not_held_at_the_end_of_its_range() -> None:
+    """MC_ROLLRATE_K takes the loop further than MC_ROLLRATE_P alone, up to the end of its own range."""
+    names = replace(NAMES, scaled=("K",), ranges={**NAMES.ranges, "K": (0.01, 5.0)})
+
+    def held(common: float) -> list[str]:
+        gains = {"P": GainChange(0.3, 0.5, 0.5), "K": GainChange(1.0, common, common)}
+        tuned = AxisTuning(verdict="change", reasons=(), gains=gains)
+        return [one.code for one in within_documented("roll", tuned, names).reasons]
+
+    assert held(1.5) == []
+    assert held(5.0) == ["QL637"]
 
 
 def test_a_gain_that_falls_below_its_range_is_named() -> None:
