@@ -31,10 +31,6 @@ def command(verb: str, *words: object) -> str:
     *words : object
         Arguments and options, each as its text; no shell changes any of them.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> command("tune", "my flights/it's.bin", "--log", 2)
@@ -69,10 +65,6 @@ def quoted(word: str, *, windows: bool = os.name == "nt") -> str:
 
 def named(path: str) -> str:
     """Return a file as an argument.
-
-    Parameters
-    ----------
-    path : str
 
     Returns
     -------

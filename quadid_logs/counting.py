@@ -14,10 +14,6 @@ def counted(n: int, what: str, many: str = "") -> str:
     many : str
         Several of them; `what` with an s by default.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> counted(1, "clock reset"), counted(0, "clock reset")

@@ -36,10 +36,6 @@ def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
         not tuned (QL626). An axis that this flight tells too little of gets the vehicles of earlier flights,
         where nothing in this one contradicts them (QL627).
 
-    Returns
-    -------
-    Result
-
     Raises
     ------
     SettingsError

@@ -392,14 +392,6 @@ def _percent(half_width: float) -> str:
 def axis_words(axis: LiveAxis) -> str:
     """Return what is known of an axis, in a few words.
 
-    Parameters
-    ----------
-    axis : LiveAxis
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> axis_words(LiveAxis(axis="roll", effectiveness=198.2, half_width=0.062, more_s=0.0))
@@ -413,16 +405,7 @@ def axis_words(axis: LiveAxis) -> str:
 
 
 def notes(figures: LiveFigures) -> tuple[str, ...]:
-    """Return what to know besides the axes: saturation, oscillation, calibration.
-
-    Parameters
-    ----------
-    figures : LiveFigures
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Return what to know besides the axes: saturation, oscillation, calibration."""
     saturated = figures.saturated > _SATURATED
     limit = f"The motors were at their limits in {100.0 * figures.saturated:.0f} % of the flight."
     scaled = figures.unit == "N m" and any(axis.half_width < 1.0 for axis in figures.axes)
@@ -433,16 +416,7 @@ def notes(figures: LiveFigures) -> tuple[str, ...]:
 
 
 def figure_line(figures: LiveFigures) -> str:
-    """Return the figures in one line.
-
-    Parameters
-    ----------
-    figures : LiveFigures
-
-    Returns
-    -------
-    str
-    """
+    """Return the figures in one line."""
     known = ", ".join(map(axis_words, figures.axes))
     return " ".join([f"{figures.flown_s:.0f} s flown: {known}.", *notes(figures), figures.hint])
 
@@ -455,10 +429,6 @@ def figure_block(figures: LiveFigures, width: int = 24) -> tuple[str, ...]:
     figures : LiveFigures
     width : int
         Of a bar, in characters.
-
-    Returns
-    -------
-    tuple of str
 
     Examples
     --------

@@ -175,10 +175,6 @@ def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
         Of the next flight.
     log_sha256 : str
         Of its log, "" where unknown.
-
-    Returns
-    -------
-    Check
     """
     obstacle = _obstacle(promise, after, log_sha256)
     n_cells = (promise.n_cells, _n_cells(after))
@@ -216,10 +212,6 @@ def _weak_rotor(promise: Promise, after: Result) -> WeakRotor | None:
 
 def checked(before: Result, after: Result) -> Mapping[str, AxisCheck]:
     """Hold what a flight promised of its successor against that.
-
-    Parameters
-    ----------
-    before, after : Result
 
     Returns
     -------

@@ -178,10 +178,6 @@ def repeat(results: Sequence[Result]) -> Repeatability:
     results : sequence of Result
         Two or more. A flight that is given twice counts once.
 
-    Returns
-    -------
-    Repeatability
-
     Raises
     ------
     SettingsError
@@ -456,10 +452,6 @@ def _agreement(quantities: Sequence[RepeatedQuantity], axis: str) -> Agreement:
 
 def strangers(logs: Sequence[FlightLog]) -> dict[int, str]:
     """Tell which logs say that they are of another vehicle than most.
-
-    Parameters
-    ----------
-    logs : sequence of FlightLog
 
     Returns
     -------

@@ -154,10 +154,6 @@ def swing(
     start_s, end_s : float
         The part of the log to look at, on its clock [s].
 
-    Returns
-    -------
-    Swing
-
     Raises
     ------
     SettingsError

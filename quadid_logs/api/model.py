@@ -118,10 +118,6 @@ class IdentifiedModel(Model):
         other : Result or FlightData
             As `analyze` returns it, or its ``data``.
 
-        Returns
-        -------
-        FlightPrediction
-
         Raises
         ------
         SettingsError

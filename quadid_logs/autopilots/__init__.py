@@ -224,12 +224,7 @@ _registered: list[Autopilot] = []
 
 
 def register(autopilot: Autopilot) -> None:
-    """Add an autopilot to those of this package; its formats are asked first.
-
-    Parameters
-    ----------
-    autopilot : Autopilot
-    """
+    """Add an autopilot to those of this package; its formats are asked first."""
     _registered.insert(0, autopilot)
 
 

@@ -32,10 +32,6 @@ class SortedLines(NamedTuple):
 def sorted_lines(lines: Sequence[Line]) -> SortedLines:
     """Sort the lines of all axes.
 
-    Parameters
-    ----------
-    lines : sequence of Line
-
     Returns
     -------
     SortedLines

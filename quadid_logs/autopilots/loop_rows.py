@@ -60,10 +60,6 @@ def in_step(log: FlightLog, name: str, with_: Signal) -> Signal | None:
     name : str
         A key of `vocabulary.SIGNALS`.
     with_ : Signal
-
-    Returns
-    -------
-    Signal or None
     """
     return next((one for one in log.candidates(name) if one.rows is with_.rows), None)
 

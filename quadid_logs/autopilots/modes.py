@@ -37,10 +37,6 @@ def mode_changes(
         When [s] and where in the file they were logged.
     name_of : callable
         Returns the name of a number, None where it has none.
-
-    Returns
-    -------
-    tuple of ModeChange
     """
     changes = np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1]))
     return tuple(

@@ -78,11 +78,6 @@ Build = Callable[[P, "Source[P]"], "FloatArray | Built | None"]
 def plain(part: P, source: Source[P]) -> FloatArray | None:
     """Put the fields side by side, times the scale.
 
-    Parameters
-    ----------
-    part : Part
-    source : Source
-
     Returns
     -------
     ndarray, shape (n_rows, n_columns), or None
@@ -137,16 +132,7 @@ class Source(Generic[P]):
 
 
 def messages_of(sources: Iterable[Source[Any]]) -> frozenset[str]:
-    """Return every message that a table needs.
-
-    Parameters
-    ----------
-    sources : iterable of Source
-
-    Returns
-    -------
-    frozenset of str
-    """
+    """Return every message that a table needs."""
     return frozenset(name for source in sources for name in (source.message, *source.beside))
 
 

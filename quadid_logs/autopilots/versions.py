@@ -58,10 +58,6 @@ def by_short_names(
     optional : mapping of str to float
         With the values of those that are missing, or no number in a damaged log.
 
-    Returns
-    -------
-    dict of str to float
-
     Raises
     ------
     KeyError

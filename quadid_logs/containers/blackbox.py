@@ -125,10 +125,6 @@ def read_content(
     accept : callable, optional
         Is given a header's lines by name, and raises for a log of another writer.
 
-    Returns
-    -------
-    BlackboxContent
-
     Raises
     ------
     OSError

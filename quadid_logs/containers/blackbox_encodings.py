@@ -109,10 +109,6 @@ class Block:
 def groups_of(layout: Layout) -> tuple[Group, ...]:
     """Return the groups in which the fields are written.
 
-    Parameters
-    ----------
-    layout : Layout
-
     Returns
     -------
     tuple of Group

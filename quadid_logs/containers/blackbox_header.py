@@ -84,10 +84,6 @@ class Header:
 def find_logs(file: FileParts) -> list[int]:
     """Return where each log of a file begins.
 
-    Parameters
-    ----------
-    file : FileParts
-
     Returns
     -------
     list of int
@@ -113,10 +109,6 @@ def read_header(file: FileParts, start: int, stop: int, accept: Accept | None = 
         Of the log in the file [bytes].
     accept : callable, optional
         Is given all lines by name before any is understood, and raises for a log of another writer.
-
-    Returns
-    -------
-    Header
 
     Raises
     ------

@@ -148,16 +148,7 @@ def index_messages(content: FileParts) -> MessageIndex:
 
 
 def find_headers(content: FileParts) -> Headers:
-    """Find every ``A3 95`` that is followed by an id byte.
-
-    Parameters
-    ----------
-    content : FileParts
-
-    Returns
-    -------
-    Headers
-    """
+    """Find every ``A3 95`` that is followed by an id byte."""
     n_bytes = content.n_bytes
     offset_type = np.uint32 if n_bytes < 1 << 32 else np.int64
     positions: list[AnyArray] = [np.zeros(0, offset_type)]
@@ -291,10 +282,6 @@ def by_version(
         As of `definition_at`.
     positions : ndarray of integers, shape (n_rows,)
         Rising.
-
-    Returns
-    -------
-    list of (MessageDefinition, ndarray)
     """
     if len(versions) == 1:
         return [(versions[0], positions)] if len(positions) else []

@@ -107,11 +107,6 @@ class Framing(NamedTuple):
 def frame(file: FileParts, dialect: Dialect) -> Framing:
     """Find every packet of a telemetry log.
 
-    Parameters
-    ----------
-    file : FileParts
-    dialect : Dialect
-
     Returns
     -------
     Framing
@@ -141,11 +136,6 @@ def host_time_s(file: FileParts, packets: Packets) -> FloatArray:
     """Return the host's stamps before the packets [s since 1970]; NaN where none is possible.
 
     Big-endian microseconds. The host's clock can run wrong by factors.
-
-    Parameters
-    ----------
-    file : FileParts
-    packets : Packets
 
     Returns
     -------

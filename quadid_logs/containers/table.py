@@ -88,10 +88,6 @@ def read_cells(path: str | Path, choose: Choose) -> Cells:
     choose : callable
         Given the names of the file's columns, returns those to read.
 
-    Returns
-    -------
-    Cells
-
     Raises
     ------
     UnknownFormatError

@@ -135,10 +135,6 @@ def read_messages(
         Message names to decode; all by default.
     system : int
         System id to keep; 0 keeps all.
-
-    Returns
-    -------
-    dict of str to MessageRows
     """
     dialect = load_dialect()
     with closing(FileParts.open(path)) as file:

@@ -101,10 +101,6 @@ def read_topics(path: str | Path, topics: Collection[str] | None = None) -> dict
     path : str or Path
     topics : collection of str, optional
         Names to decode; all by default.
-
-    Returns
-    -------
-    dict of (name, instance) to TopicTable
     """
     return dict(read_content(path, topics).topics)
 

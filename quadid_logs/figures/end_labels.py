@@ -13,10 +13,6 @@ _LONGEST, _MOST = 16, 6
 def labelled(panel: Panel) -> tuple[Curve, ...]:
     """Return the curves of a panel that can bear their name at their end.
 
-    Parameters
-    ----------
-    panel : Panel
-
     Returns
     -------
     tuple of Curve
@@ -32,32 +28,14 @@ def labelled(panel: Panel) -> tuple[Curve, ...]:
 
 
 def at_the_right(figure: Figure) -> Iterator[Panel]:
-    """Yield the panels that have room beside them: those of the last column.
-
-    Parameters
-    ----------
-    figure : Figure
-
-    Yields
-    ------
-    Panel
-    """
+    """Yield the panels that have room beside them: those of the last column."""
     for number, panel in enumerate(figure.panels, start=1):
         if number % figure.columns == 0:
             yield panel
 
 
 def names_at_ends(figure: Figure) -> frozenset[str]:
-    """Return the names that stand at ends of lines, and so need no place in the legend.
-
-    Parameters
-    ----------
-    figure : Figure
-
-    Returns
-    -------
-    frozenset of str
-    """
+    """Return the names that stand at ends of lines, and so need no place in the legend."""
     return frozenset(curve.label for panel in at_the_right(figure) for curve in labelled(panel))
 
 

@@ -33,10 +33,6 @@ _RIGHT_PX, _LETTER_PX, _LETTER_NARROW_PX = 14, 7.0, 6.4
 def interactive(figure: Figure) -> dict[str, Any]:
     """Return traces, and one layout for wide and one for narrow screens.
 
-    Parameters
-    ----------
-    figure : Figure
-
     Returns
     -------
     dict

@@ -25,10 +25,6 @@ _Pair = tuple[AxisLoop | None, AxisLoop | None]
 def loop_comparison_figure(before: Result, after: Result) -> Figure | LeftOut:
     """Draw open loops and step responses of two flights over each other, by axis.
 
-    Parameters
-    ----------
-    before, after : Result
-
     Returns
     -------
     Figure or LeftOut

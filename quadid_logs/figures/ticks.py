@@ -73,10 +73,6 @@ def shown_range(panel: Panel, name: str) -> tuple[float, float] | None:
     panel : Panel
     name : str
         "x" or "y"; of a logarithmic axis, only positive values count.
-
-    Returns
-    -------
-    (low, high) or None
     """
     axis = panel.x if name == "x" else panel.y
     if axis.low is not None and axis.high is not None:

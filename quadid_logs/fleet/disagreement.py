@@ -87,10 +87,6 @@ def n_disagreement_tests(histories: Sequence[Sequence[Series]]) -> int:
     ----------
     histories : sequence of sequence of Series
         By vehicle.
-
-    Returns
-    -------
-    int
     """
     return sum(one.name == TESTED and len(one.known) > 1 for history in histories for one in history)
 
@@ -117,10 +113,6 @@ def find_disagreements(
         In the fleet, for Bonferroni's correction.
     prior : mapping
         From `scatter_prior`: of a fleet whose flights all scatter more than their intervals, none is blamed.
-
-    Returns
-    -------
-    Disagreements
     """
     found = _Found()
     for part in pairwise(ends):

@@ -161,10 +161,6 @@ def read_fleet(folder: Path) -> Fleet:
     folder : Path
         The store; a run may write into it meanwhile.
 
-    Returns
-    -------
-    Fleet
-
     Raises
     ------
     SettingsError

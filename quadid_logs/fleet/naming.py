@@ -84,10 +84,6 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules, sha256: 
     rules : NamingRules
     sha256 : str
         Of its content.
-
-    Returns
-    -------
-    Identity
     """
     vehicle, taken_from = _vehicle(log, file, rules, sha256)
     kind = log.frame or (log.vehicle_type if log.vehicle_type != "unknown" else "vehicle of unknown type")
@@ -99,10 +95,6 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules, sha256: 
 
 def craft_name(log: FlightLog) -> str:
     """Return what the pilot called the vehicle, "" where the log does not say.
-
-    Parameters
-    ----------
-    log : FlightLog
 
     Returns
     -------
@@ -192,10 +184,6 @@ def clock_zero(log: FlightLog, start_s: float, file: LogFile) -> tuple[float, st
 
 def number_in(url: str) -> int | None:
     """Return the number that the autopilot gave a log, where the last part of its path holds one.
-
-    Parameters
-    ----------
-    url : str
 
     Returns
     -------

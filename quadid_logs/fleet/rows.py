@@ -232,10 +232,6 @@ def judged_as(rows: Sequence[Mapping[str, Any]], told: Sequence[Mapping[str, Any
     ----------
     rows, told : sequence of mapping
         By axis, in the same order.
-
-    Returns
-    -------
-    list of dict
     """
     nothing = {f"{name}{end}": None for name in (*QUANTITIES, *MARGINS) for end in ("", "_low", "_high")}
     return [

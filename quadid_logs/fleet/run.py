@@ -76,10 +76,6 @@ def run_fleet(
     notice : callable
         Called with what happened to scheduler and workers.
 
-    Returns
-    -------
-    Tally
-
     Raises
     ------
     OutputError, SettingsError

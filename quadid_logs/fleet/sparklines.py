@@ -46,10 +46,6 @@ def sparkline(one: Series, label: str, changes: Sequence[int]) -> Sparkline | No
         What it is, for those who do not see it.
     changes : sequence of int
         Flights from which on the vehicle is another one.
-
-    Returns
-    -------
-    Sparkline or None
     """
     known = one.known
     if not len(known):

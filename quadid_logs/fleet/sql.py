@@ -46,10 +46,6 @@ def ask(folder: Path, sql: str) -> Answer:
         The store.
     sql : str
 
-    Returns
-    -------
-    Answer
-
     Raises
     ------
     SettingsError

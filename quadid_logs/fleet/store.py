@@ -155,10 +155,6 @@ class Store:
         Of two files with the same content the first by name stays, in whatever
         order they come, so that every run ends with the same store.
 
-        Parameters
-        ----------
-        outcome : Outcome
-
         Returns
         -------
         bool
@@ -215,10 +211,6 @@ class Store:
 
     def rename(self, vehicle: str, name: str) -> None:
         """Give a vehicle another name.
-
-        Parameters
-        ----------
-        vehicle, name : str
 
         Raises
         ------

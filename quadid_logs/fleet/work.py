@@ -68,14 +68,6 @@ def work_in(folder: str, task: Task) -> Outcome:
 def work(task: Task) -> Outcome:
     """Fetch, read and analyze one log; whatever is wrong with it becomes its row.
 
-    Parameters
-    ----------
-    task : Task
-
-    Returns
-    -------
-    Outcome
-
     Raises
     ------
     SettingsError

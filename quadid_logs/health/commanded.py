@@ -37,10 +37,6 @@ class Commanded(NamedTuple):
 def commanded_thrust(prepared: Prepared) -> Commanded | None:
     """Return what each rotor was sent as a thrust, not what measured speeds say that it gave.
 
-    Parameters
-    ----------
-    prepared : Prepared
-
     Returns
     -------
     Commanded or None

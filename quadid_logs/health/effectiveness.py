@@ -54,10 +54,6 @@ def motion(
     intervals : sequence of (start_s, end_s)
     slowest_hz : float
         Slower logs show too little.
-
-    Returns
-    -------
-    Motion or None
     """
     found, period_s = records([rate, sent], intervals)
     if not found or not period_s * slowest_hz < 1.01:

@@ -107,11 +107,6 @@ def find_motors(
 def motor_names(torque: TorqueModel | None, n_motors: int) -> tuple[str, ...]:
     """Return each motor's number and its place.
 
-    Parameters
-    ----------
-    torque : TorqueModel or None
-    n_motors : int
-
     Returns
     -------
     tuple of str

@@ -124,12 +124,6 @@ def _on_grid(series: CleanSeries, grid: FloatArray) -> Iterator[FloatArray]:
 def in_flight(series: CleanSeries, intervals: Sequence[Interval], most: int = MOST_SAMPLES) -> Record:
     """Return the samples of a series that lie in the intervals, every n-th of very many, not resampled.
 
-    Parameters
-    ----------
-    series : CleanSeries
-    intervals : sequence of (start_s, end_s)
-    most : int
-
     Returns
     -------
     Record
@@ -147,17 +141,7 @@ def in_flight(series: CleanSeries, intervals: Sequence[Interval], most: int = MO
 
 
 def averaged(record: Record, most: int = 600) -> Record:
-    """Return averages over short times, at most ``most`` of them, of a record that may have pauses.
-
-    Parameters
-    ----------
-    record : Record
-    most : int
-
-    Returns
-    -------
-    Record
-    """
+    """Return averages over short times, at most ``most`` of them, of a record that may have pauses."""
     n_samples = record.time_s.size
     if n_samples <= most:
         return record

@@ -109,10 +109,6 @@ class Logs:
     def since(self, day: datetime) -> tuple[RemoteLog, ...]:
         """Return the logs of a day and later.
 
-        Parameters
-        ----------
-        day : datetime
-
         Raises
         ------
         SettingsError
@@ -142,10 +138,6 @@ class Logs:
             Whether a file of that name may be replaced.
         tell : callable
             Called with the bytes that are there.
-
-        Returns
-        -------
-        Fetched
 
         Raises
         ------

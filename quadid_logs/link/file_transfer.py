@@ -66,10 +66,6 @@ class FileTransfer:
     def listing(self, folder: str) -> list[Entry] | None:
         """Return what is in a folder, None where there is none, or no file transfer.
 
-        Parameters
-        ----------
-        folder : str
-
         Raises
         ------
         LinkError

@@ -28,10 +28,6 @@ def begins_log(data: bytes, first: int) -> bool:
     data : bytes
     first : int
         Where in it the first message begins.
-
-    Returns
-    -------
-    bool
     """
     return first == 0 and data.startswith(HEADER_MAGIC)
 

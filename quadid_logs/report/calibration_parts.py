@@ -35,11 +35,6 @@ def calibration_half_width(parameter: Parameter, given: InputDescription | None)
 def flight_interval(parameter: Parameter, given: InputDescription | None) -> tuple[float, float]:
     """Return the interval without the calibration's part: what this flight knows of the effect of a command.
 
-    Parameters
-    ----------
-    parameter : Parameter
-    given : InputDescription or None
-
     Returns
     -------
     tuple of float

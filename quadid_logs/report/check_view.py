@@ -68,12 +68,6 @@ def _headline(found: Check) -> str:
 def check_lines(promise: Promise, after: Result, found: Check) -> tuple[str, ...]:
     """Return a check as lines for people.
 
-    Parameters
-    ----------
-    promise : Promise
-    after : Result
-    found : Check
-
     Returns
     -------
     tuple of str
@@ -219,18 +213,7 @@ def _decision_lines(promise: Promise, after: Result, found: Check) -> Iterator[s
 
 
 def check_text(promise: Promise, after: Result, found: Check) -> str:
-    """Return a check as strict JSON in ASCII.
-
-    Parameters
-    ----------
-    promise : Promise
-    after : Result
-    found : Check
-
-    Returns
-    -------
-    str
-    """
+    """Return a check as strict JSON in ASCII."""
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "log": log_dict(after.log, after.data),

@@ -40,16 +40,7 @@ _MOST_PARAMETERS: Final = 20
 
 
 def headline(comparison: Comparison) -> str:
-    """Return the outcome of a comparison in words, without a full stop.
-
-    Parameters
-    ----------
-    comparison : Comparison
-
-    Returns
-    -------
-    str
-    """
+    """Return the outcome of a comparison in words, without a full stop."""
     if set(comparison.axes.values()) == {"not comparable"}:
         return "these logs do not allow a comparison"
     return _HEADLINES[comparison.verdict]
@@ -57,11 +48,6 @@ def headline(comparison: Comparison) -> str:
 
 def comparison_lines(before: Result, after: Result, comparison: Comparison) -> tuple[str, ...]:
     """Return the comparison as lines for people.
-
-    Parameters
-    ----------
-    before, after : Result
-    comparison : Comparison
 
     Returns
     -------
@@ -132,10 +118,6 @@ def _sentence(quantity: Quantity) -> str:
 def throttle_note(quantity: Quantity) -> str:
     """Say what another mean throttle may have made of a value, "" where it was the same.
 
-    Parameters
-    ----------
-    quantity : Quantity
-
     Returns
     -------
     str
@@ -150,16 +132,7 @@ def throttle_note(quantity: Quantity) -> str:
 
 
 def change_words(quantity: Quantity) -> str:
-    """Return by how much a quantity differs; one that has come nearer to zero by a negative percentage.
-
-    Parameters
-    ----------
-    quantity : Quantity
-
-    Returns
-    -------
-    str
-    """
+    """Return by how much a quantity differs; one that has come nearer to zero by a negative percentage."""
     is_own = quantity.name == quantity.scale_name
     return amount(quantity, quantity.difference, towards=quantity.before if is_own else 1.0)
 
@@ -190,10 +163,6 @@ def amount(quantity: Quantity, difference: float, towards: float = 1.0) -> str:
 
 def promise_sentences(before: Result, after: Result) -> tuple[str, ...]:
     """Return whether the axes that flew with the recommended gains have the promised margins.
-
-    Parameters
-    ----------
-    before, after : Result
 
     Returns
     -------

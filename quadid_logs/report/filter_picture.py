@@ -25,17 +25,7 @@ class FilterPicture(Picture):
 
 
 def filter_picture(axis: str, found: AxisTuning) -> FilterPicture | None:
-    """Return the picture of one axis, None where its filters stay.
-
-    Parameters
-    ----------
-    axis : str
-    found : AxisTuning
-
-    Returns
-    -------
-    FilterPicture or None
-    """
+    """Return the picture of one axis, None where its filters stay."""
     trials = found.filter_trials
     if not found.filters or len(trials) < 2:
         return None

@@ -27,16 +27,7 @@ _PLACES: Final = MappingProxyType(
 
 
 def filter_tables(result: Result) -> tuple[Table, ...]:
-    """Return a table of the filters for each axis whose controller is known.
-
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    tuple of Table
-    """
+    """Return a table of the filters for each axis whose controller is known."""
     loop, every_line = result.closed_loop, lines_of(result.health)
     if loop is None:
         return ()

@@ -27,32 +27,18 @@ def file_names(autopilot: str) -> tuple[str, str]:
     ----------
     autopilot : str
         As in `FlightLog.autopilot`.
-
-    Returns
-    -------
-    tuple of str
     """
     suffix = named(autopilot).advice.parameter_suffix
     return f"{NEXT}{suffix}", f"{BACK}{suffix}"
 
 
 def tunable_autopilots() -> tuple[str, ...]:
-    """Return the names of the autopilots that gains are recommended for.
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Return the names of the autopilots that gains are recommended for."""
     return tuple(one.name for one in known() if one.tunable({}) is not None)
 
 
 def gain_files(result: Result, tuning: Tuning) -> dict[str, str]:
     """Return the text of each file by its name.
-
-    Parameters
-    ----------
-    result : Result
-    tuning : Tuning
 
     Returns
     -------
@@ -110,16 +96,7 @@ def _towards(change: GainChange) -> str:
 
 
 def reason_text(found: AxisTuning) -> str:
-    """Return in a few words why an axis changes.
-
-    Parameters
-    ----------
-    found : AxisTuning
-
-    Returns
-    -------
-    str
-    """
+    """Return in a few words why an axis changes."""
     title = found.reasons[0].title if found.reasons else ""
     outer = None if found.next is None else found.next.full or found.next.rate
     figures = []

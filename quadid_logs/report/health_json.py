@@ -31,10 +31,6 @@ from quadid_logs.data.health import (
 def health_dict(health: Health) -> dict[str, Any]:
     """Return ``health``: each topic None, or its figures with a sentence.
 
-    Parameters
-    ----------
-    health : Health
-
     Returns
     -------
     dict

@@ -71,10 +71,6 @@ class HealthView:
 def health_view(result: Result) -> HealthView:
     """Put what a log shows into lines.
 
-    Parameters
-    ----------
-    result : Result
-
     Returns
     -------
     HealthView
@@ -158,10 +154,6 @@ def _missing(health: Health) -> Iterable[str]:
 
 def health_lines(result: Result) -> tuple[str, ...]:
     """Return the judged charts as lines for a terminal; numbers without a judgement stay on the page.
-
-    Parameters
-    ----------
-    result : Result
 
     Returns
     -------

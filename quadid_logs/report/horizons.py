@@ -55,10 +55,6 @@ def predictions_text(ahead: RatePredictor, found: Mapping[str, Sequence[HorizonP
     ahead : RatePredictor
     found : mapping of str to sequence of HorizonPrediction
         By the log's path.
-
-    Returns
-    -------
-    str
     """
     content: dict[str, Any] = {
         "schema_version": "1.0",

@@ -35,11 +35,6 @@ _NAME_WIDTH = 11
 def missing_for_analysis(log: FlightLog, data: FlightData) -> tuple[Finding, ...]:
     """Return what `analyze` would complain about before it has looked at the motion.
 
-    Parameters
-    ----------
-    log : FlightLog
-    data : FlightData
-
     Returns
     -------
     tuple of Finding
@@ -81,11 +76,6 @@ class Line(NamedTuple):
 
 def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
     """Yield the inventory: whether analyze can work with it, then what the log is, then its signals.
-
-    Parameters
-    ----------
-    log : FlightLog
-    data : FlightData
 
     Yields
     ------

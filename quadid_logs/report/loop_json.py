@@ -105,10 +105,6 @@ def _axis(found: AxisLoop) -> dict[str, Any]:
 def margins_and_step(found: AxisLoop) -> dict[str, Any]:
     """Return ``margins`` and ``step`` of an axis, None where nothing may be said.
 
-    Parameters
-    ----------
-    found : AxisLoop
-
     Returns
     -------
     dict
@@ -172,10 +168,6 @@ def _prediction(prediction: Prediction) -> dict[str, Any]:
 
 def margins_dict(margins: Margins) -> dict[str, Any]:
     """Return the margins of one loop.
-
-    Parameters
-    ----------
-    margins : Margins
 
     Returns
     -------

@@ -50,10 +50,6 @@ def markdown_page(text: str, images: Mapping[str, bytes] | None = None) -> str:
     images : mapping of str to bytes, optional
         PNG files by the names that the text shows them under; others are left out.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> page = markdown_page("# Plan\n\n- a < b")

@@ -36,11 +36,6 @@ _WORDS = {term.symbol: term.words for structure in STRUCTURES for term in struct
 def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
     """Return B, A without products of rates, which seldom matter, and the inertia tensor.
 
-    Parameters
-    ----------
-    result : Result
-    model : Model
-
     Returns
     -------
     tuple of Table
@@ -71,17 +66,7 @@ def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
 
 
 def more_tables(result: Result, model: Model) -> tuple[Table, ...]:
-    """Return what only some readers look for: products of rates, published vehicles, thrust curve.
-
-    Parameters
-    ----------
-    result : Result
-    model : Model
-
-    Returns
-    -------
-    tuple of Table
-    """
+    """Return what only some readers look for: products of rates, published vehicles, thrust curve."""
     tables = []
     chosen = tuple(name for name in model.regressors if name in PRODUCTS)
     if chosen:

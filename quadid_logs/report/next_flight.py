@@ -26,10 +26,6 @@ def next_steps(result: Result) -> tuple[str, ...]:
     the advice of the gravest findings, each once, what is to be set first. Where none is: such advice if
     there is any, then what the model is good for.
 
-    Parameters
-    ----------
-    result : Result
-
     Returns
     -------
     tuple of str

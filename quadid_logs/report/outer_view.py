@@ -20,16 +20,7 @@ _ALONG: Final = {"pitch": "forward", "roll": "sideways"}
 
 
 def outer_sentences(outer: OuterLoops | None) -> Iterator[str]:
-    """Say how far the velocity loops are from instability.
-
-    Parameters
-    ----------
-    outer : OuterLoops or None
-
-    Yields
-    ------
-    str
-    """
+    """Say how far the velocity loops are from instability."""
     if outer is None:
         return
     for axis, found in outer.loops.items():
@@ -54,10 +45,6 @@ def _distance(margins: Margins) -> str:
 
 def outer_tables(outer: OuterLoops | None) -> tuple[Table, ...]:
     """Return the tables of margins and replays.
-
-    Parameters
-    ----------
-    outer : OuterLoops or None
 
     Returns
     -------

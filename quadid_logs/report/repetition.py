@@ -27,25 +27,12 @@ def name_of(found: Repeatability, flight: int) -> str:
     found : Repeatability
     flight : int
         Its place among the logs.
-
-    Returns
-    -------
-    str
     """
     return printable(PurePath(found.flights[flight]).name, 60)
 
 
 def headline(found: Repeatability) -> str:
-    """Return the outcome in words, without a full stop.
-
-    Parameters
-    ----------
-    found : Repeatability
-
-    Returns
-    -------
-    str
-    """
+    """Return the outcome in words, without a full stop."""
     flights = counted(len(found.flights), "flight")
     if found.strangers:
         return f"these are not flights of one vehicle: {'; '.join(_stranger_sentences(found))}"
@@ -66,25 +53,12 @@ def headline(found: Repeatability) -> str:
 
 
 def mean_words(quantity: RepeatedQuantity) -> str:
-    """Return the mean of all flights with its interval.
-
-    Parameters
-    ----------
-    quantity : RepeatedQuantity
-
-    Returns
-    -------
-    str
-    """
+    """Return the mean of all flights with its interval."""
     return f"{plus_minus(quantity.mean.value, quantity.mean.half_width)} {pretty_unit(quantity.unit)}"
 
 
 def between_words(quantity: RepeatedQuantity) -> str:
     """Return how far flights differ beyond their own errors, as a standard deviation with its interval.
-
-    Parameters
-    ----------
-    quantity : RepeatedQuantity
 
     Returns
     -------
@@ -100,10 +74,6 @@ def between_words(quantity: RepeatedQuantity) -> str:
 
 def repetition_lines(found: Repeatability) -> tuple[str, ...]:
     """Return the outcome as lines for people.
-
-    Parameters
-    ----------
-    found : Repeatability
 
     Returns
     -------
@@ -123,32 +93,13 @@ def repetition_lines(found: Repeatability) -> tuple[str, ...]:
 
 
 def held_words(quantity: RepeatedQuantity) -> str:
-    """Say how many flights lie where the others predict them, "" where too few tell.
-
-    Parameters
-    ----------
-    quantity : RepeatedQuantity
-
-    Returns
-    -------
-    str
-    """
+    """Say how many flights lie where the others predict them, "" where too few tell."""
     held = [each.held for each in quantity.estimates if each.held is not None]
     return f"the others predict {sum(held)} of {counted(len(held), 'flight')}" if held else ""
 
 
 def unknown_words(found: Repeatability, flight: int) -> str:
-    """Say why a flight does not tell its axes, "" where it tells all.
-
-    Parameters
-    ----------
-    found : Repeatability
-    flight : int
-
-    Returns
-    -------
-    str
-    """
+    """Say why a flight does not tell its axes, "" where it tells all."""
     reasons = found.reasons[flight]
     if len(set(reasons.values())) == 1 and len(reasons) == len(found.axes):
         return printable(next(iter(reasons.values())), 300)
@@ -187,11 +138,6 @@ def _quantity_lines(found: Repeatability, quantity: RepeatedQuantity) -> Iterato
 
 def mark(quantity: RepeatedQuantity, each: FlightEstimate) -> str:
     """Return what is to be said of one flight: an outlier, or not where the others predict it.
-
-    Parameters
-    ----------
-    quantity : RepeatedQuantity
-    each : FlightEstimate
 
     Returns
     -------
@@ -237,10 +183,6 @@ def _differ_sentence(found: Repeatability, quantity: RepeatedQuantity) -> str:
 
 def repetition_text(found: Repeatability) -> str:
     """Return the outcome as strict JSON in ASCII.
-
-    Parameters
-    ----------
-    found : Repeatability
 
     Returns
     -------

@@ -39,17 +39,7 @@ class StepPicture(Picture):
 
 
 def step_picture(axis: str, found: AxisTuning) -> StepPicture | None:
-    """Return the picture of one axis, None where nothing changes.
-
-    Parameters
-    ----------
-    axis : str
-    found : AxisTuning
-
-    Returns
-    -------
-    StepPicture or None
-    """
+    """Return the picture of one axis, None where nothing changes."""
     before, after = found.step_now, found.step_next
     if found.verdict != "change" or after is None:
         return None
@@ -109,10 +99,6 @@ def rise_words(rise_s: float, overshoot_percent: float, end: float, end_s: float
         That, as a fraction of the step.
     end_s : float
         When [s].
-
-    Returns
-    -------
-    str
 
     Examples
     --------

@@ -70,10 +70,6 @@ def swing_text(path: str, hung: Bifilar, found: Swing) -> str:
         Of the log.
     hung : Bifilar
     found : Swing
-
-    Returns
-    -------
-    str
     """
     content: dict[str, Any] = {
         "schema_version": "1.0",

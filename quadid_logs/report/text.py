@@ -13,10 +13,6 @@ from quadid_logs.vocabulary import AXES
 def result_lines(result: Result) -> tuple[str, ...]:
     """Return the verdict per axis with its main number, what the log shows, and what to do next.
 
-    Parameters
-    ----------
-    result : Result
-
     Returns
     -------
     tuple of str

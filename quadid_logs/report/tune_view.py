@@ -104,10 +104,6 @@ def tune_view(
     tuning : Tuning
     forecasts : mapping of str to tuple of AutotuneForecast, optional
         By axis, where the autopilot's own procedure would end.
-
-    Returns
-    -------
-    TuneView
     """
     verdicts = [found.verdict for found in tuning.axes.values()]
     style = "refused" if set(verdicts) == {"refused"} else "caution" if tuning.changes else "usable"
@@ -131,16 +127,7 @@ def tune_view(
 
 
 def headline(tuning: Tuning) -> str:
-    """Say in one line what to do with each axis.
-
-    Parameters
-    ----------
-    tuning : Tuning
-
-    Returns
-    -------
-    str
-    """
+    """Say in one line what to do with each axis."""
     groups: dict[str, list[str]] = {}
     for axis, found in tuning.axes.items():
         groups.setdefault(_act(found), []).append(axis)
@@ -205,10 +192,6 @@ def way_back(autopilot: str, tuning: Tuning) -> WayBack:
     autopilot : str
         As in `FlightLog.autopilot`.
     tuning : Tuning
-
-    Returns
-    -------
-    WayBack
     """
     changing = {axis: found for axis, found in tuning.axes.items() if found.verdict == "change"}
     safe = {axis: has_way_back(found, tuning.limits) for axis, found in changing.items()}
@@ -280,16 +263,7 @@ def _more(n_flights: int) -> str:
 
 
 def autotune_words(forecast: AutotuneForecast) -> str:
-    """Say where the autopilot's own procedure would end.
-
-    Parameters
-    ----------
-    forecast : AutotuneForecast
-
-    Returns
-    -------
-    str
-    """
+    """Say where the autopilot's own procedure would end."""
     gains = ", ".join(f"{name} {_range(ends)}" for name, ends in forecast.gains.items())
     figures = [
         f"{_range(ends)} {unit}"
@@ -407,17 +381,7 @@ def _steps(result: Result, tuning: Tuning) -> Iterator[str]:
 
 
 def tune_again(result: Result, tuning: Tuning) -> str:
-    """Return the command that tunes the log of the next flight with the same limits.
-
-    Parameters
-    ----------
-    result : Result
-    tuning : Tuning
-
-    Returns
-    -------
-    str
-    """
+    """Return the command that tunes the log of the next flight with the same limits."""
     limits = tuning.limits
     wanted = (
         ("--gain-margin-db", limits.gain_db, GOOD.gain_db),

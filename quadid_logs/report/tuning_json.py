@@ -42,10 +42,6 @@ def tuning_text(
         By axis, where the autopilot's own procedure would end.
     folder : str
         Name of the folder that holds them, "" for none of its own.
-
-    Returns
-    -------
-    str
     """
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,

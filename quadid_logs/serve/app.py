@@ -62,10 +62,6 @@ class Server:
 def make_app(server: Server) -> Lingering:
     """Return the ASGI application.
 
-    Parameters
-    ----------
-    server : Server
-
     Returns
     -------
     Lingering

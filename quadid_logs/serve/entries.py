@@ -121,10 +121,6 @@ def log_entry(sha256: str, name: str, n_bytes: int, modified_s: float) -> Entry:
     n_bytes : int
     modified_s : float
         When the file was modified [s UTC], -1 if unknown.
-
-    Returns
-    -------
-    Entry
     """
     last = name.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1]
     return Entry(
@@ -184,10 +180,6 @@ def question(kind: Kind, name: str, logs: tuple[str, ...], options: Mapping[str,
     logs : tuple of str
         Ids of the logs, in the order that matters.
     options : mapping of str to Any, optional
-
-    Returns
-    -------
-    Entry
     """
     told = json.dumps([kind.value, logs, dict(options or {})], sort_keys=True)
     return Entry(

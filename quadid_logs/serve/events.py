@@ -28,16 +28,7 @@ class Pages:
         self.closing = asyncio.Event()
 
     async def events(self, schedule: Schedule) -> AsyncIterator[str]:
-        """Yield events for one page, until it is closed or the server ends.
-
-        Parameters
-        ----------
-        schedule : Schedule
-
-        Yields
-        ------
-        str
-        """
+        """Yield events for one page, until it is closed or the server ends."""
         loop, changed = asyncio.get_running_loop(), asyncio.Event()
 
         def wake() -> None:
@@ -80,10 +71,6 @@ def changes_dict(found: Changes, *, is_all: bool) -> dict[str, Any]:
     found : Changes
     is_all : bool
         Whether these are all entries there are.
-
-    Returns
-    -------
-    dict
     """
     return {
         "all": is_all,

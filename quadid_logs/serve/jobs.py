@@ -57,15 +57,6 @@ Tell = Callable[[str, Mapping[str, Any] | None], None]
 def do(job: Job, tell: Tell) -> Done:
     """Do a job.
 
-    Parameters
-    ----------
-    job : Job
-    tell : callable
-
-    Returns
-    -------
-    Done
-
     Raises
     ------
     QuadidError

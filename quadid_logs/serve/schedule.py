@@ -61,13 +61,7 @@ class Schedule:
     """Entries, and the threads that let workers do them; any thread may call it."""
 
     def __init__(self, store: ServeStore, limits: Limits) -> None:
-        """Take up what the store holds; `start` begins the work.
-
-        Parameters
-        ----------
-        store : ServeStore
-        limits : Limits
-        """
+        """Take up what the store holds; `start` begins the work."""
         self._store = store
         self._limits = limits
         self._entries = store.entries()
@@ -124,10 +118,6 @@ class Schedule:
     def submit(self, entry: Entry) -> Entry:
         """Add an entry; one that is there already stays as it is, unless it gave nothing.
 
-        Parameters
-        ----------
-        entry : Entry
-
         Returns
         -------
         Entry
@@ -141,12 +131,7 @@ class Schedule:
             return entry
 
     def again(self, entry_id: str) -> None:
-        """Do once more what is final.
-
-        Parameters
-        ----------
-        entry_id : str
-        """
+        """Do once more what is final."""
         with self._condition:
             entry = self._entries.get(entry_id)
             if entry is not None and entry.is_final:
@@ -154,11 +139,6 @@ class Schedule:
 
     def choose(self, entry_id: str, number: int) -> bool:
         """Analyze another log of a file that holds several; what was asked about the first one is deleted.
-
-        Parameters
-        ----------
-        entry_id : str
-        number : int
 
         Returns
         -------
@@ -178,12 +158,7 @@ class Schedule:
             return True
 
     def cancel(self, entry_id: str) -> None:
-        """Let a job be: its process is killed.
-
-        Parameters
-        ----------
-        entry_id : str
-        """
+        """Let a job be: its process is killed."""
         with self._condition:
             entry = self._entries.get(entry_id)
             if entry is None or entry.is_final:
@@ -195,13 +170,7 @@ class Schedule:
             self._put(replace(entry, state=State.CANCELLED, summary={}))
 
     def rename(self, entry_id: str, name: str) -> None:
-        """Call the vehicle that flew a log otherwise, in all its logs.
-
-        Parameters
-        ----------
-        entry_id : str
-        name : str
-        """
+        """Call the vehicle that flew a log otherwise, in all its logs."""
         with self._condition:
             entry = self._entries.get(entry_id)
             vehicle = entry.summary.get("vehicle") if entry is not None else None
@@ -212,12 +181,7 @@ class Schedule:
                 self._put(replace(each, summary={**each.summary, "vehicle": name}))
 
     def forget(self, entry_id: str) -> None:
-        """Delete an entry and everything about it; of a log also what was asked about it.
-
-        Parameters
-        ----------
-        entry_id : str
-        """
+        """Delete an entry and everything about it; of a log also what was asked about it."""
         with self._condition:
             for other in [each.id for each in self._entries.values() if entry_id in each.logs]:
                 if other != entry_id:
@@ -225,16 +189,7 @@ class Schedule:
             self._forget_one(entry_id)
 
     def changes(self, since: int) -> Changes:
-        """Return what changed after a version; 0 gives everything.
-
-        Parameters
-        ----------
-        since : int
-
-        Returns
-        -------
-        Changes
-        """
+        """Return what changed after a version; 0 gives everything."""
         now_s = time.monotonic()
         with self._condition:
             fresh = [entry for key, entry in self._entries.items() if not since or self._changed[key] > since]

@@ -68,10 +68,6 @@ class Uploads:
         declared : int or None
             What the request says about its size; it is counted all the same.
 
-        Returns
-        -------
-        Upload
-
         Raises
         ------
         UploadError

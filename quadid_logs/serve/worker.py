@@ -68,10 +68,6 @@ class Worker:
         timeout_s : float
             After which the process is killed.
 
-        Returns
-        -------
-        Done
-
         Raises
         ------
         JobError

@@ -84,10 +84,6 @@ def simulate(
     autopilot : str
         "ardupilot", "px4", "betaflight" or "crazyflie": whose mixer flies and whose messages are logged.
 
-    Returns
-    -------
-    Simulation
-
     Raises
     ------
     SimulationError
@@ -133,10 +129,6 @@ def find_scenario(name: str) -> Scenario:
     ----------
     name : str
         A key of `SCENARIOS`.
-
-    Returns
-    -------
-    Scenario
 
     Raises
     ------

@@ -243,10 +243,6 @@ class Record:
 def fly(setup: Setup) -> Record:
     """Fly once and record everything.
 
-    Parameters
-    ----------
-    setup : Setup
-
     Returns
     -------
     Record
@@ -262,10 +258,6 @@ def fly_many(setups: Sequence[Setup]) -> Record:
 
     The flights may differ in everything but frame, schedule, autopilot and
     control rate. 200 flights of 60 s at 400 Hz take about 1 GB meanwhile.
-
-    Parameters
-    ----------
-    setups : sequence of Setup
 
     Returns
     -------

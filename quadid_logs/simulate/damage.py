@@ -32,10 +32,6 @@ def damage_bytes(content: bytes, damages: tuple[Damage, ...], seed: int) -> byte
     seed : int
         Of the noise.
 
-    Returns
-    -------
-    bytes
-
     Raises
     ------
     SimulationError

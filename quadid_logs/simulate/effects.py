@@ -186,10 +186,6 @@ def _disturbance_shape(frequency_hz: FloatArray) -> FloatArray:
 def disturbance_density(frequency_hz: FloatArray) -> FloatArray:
     """Return the one-sided density [1/Hz] of disturbances of 1 rad/s^2, as `Effects` states their size.
 
-    Parameters
-    ----------
-    frequency_hz : ndarray
-
     Returns
     -------
     ndarray

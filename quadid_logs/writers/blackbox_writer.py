@@ -63,11 +63,6 @@ class _Spelling(NamedTuple):
 def write_blackbox(log: FlightLog, file: BinaryIO) -> None:
     """Write the rows of the first body rate, with the signals that stand in the same rows.
 
-    Parameters
-    ----------
-    log : FlightLog
-    file : BinaryIO
-
     Raises
     ------
     OutputError

@@ -39,10 +39,6 @@ def _time_label(table: MessageTable) -> str | None:
 def own_time(table: MessageTable) -> FloatArray | None:
     """Return the rows' own time [s] as logged, however implausible; None where the message type has none.
 
-    Parameters
-    ----------
-    table : MessageTable
-
     Returns
     -------
     ndarray, shape (n_rows,), or None
@@ -83,10 +79,6 @@ class LogClock:
 
     def rows(self, table: MessageTable) -> Rows:
         """Return the rows of a table: the same object each time.
-
-        Parameters
-        ----------
-        table : MessageTable
 
         Returns
         -------

@@ -65,11 +65,6 @@ _ANGLE_GAINS: Final = (
 def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
     """Return the gains from angles to rate set-points; see `Autopilot.angle_gains`.
 
-    Parameters
-    ----------
-    mode : str
-    parameters : mapping of str to float
-
     Returns
     -------
     tuple of float, or None
@@ -98,10 +93,6 @@ def controllers(
         Those that flew.
     axes : sequence of str
         Those wanted.
-
-    Returns
-    -------
-    FlownControllers
 
     Notes
     -----
@@ -145,11 +136,6 @@ def loop_period_s(parameters: Mapping[str, float]) -> float:
 def flown_period_s(log: FlightLog, parameters: Mapping[str, float]) -> float:
     """Return the period that the rate loop had [s].
 
-    Parameters
-    ----------
-    log : FlightLog
-    parameters : mapping of str to float
-
     Returns
     -------
     float
@@ -176,10 +162,6 @@ def pid_parameters(parameters: Mapping[str, float], name: str) -> dict[str, floa
     parameters : mapping of str to float
     name : str
         RLL, PIT or YAW.
-
-    Returns
-    -------
-    dict of str to float
     """
     return by_short_names(parameters, f"ATC_RAT_{name}_", _NEEDED, _OPTIONAL)
 

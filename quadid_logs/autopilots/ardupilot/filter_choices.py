@@ -49,10 +49,6 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
         That flew: what is not among them, this version does not have.
     lines : sequence of Line
         Of the gyro's spectrum about all axes.
-
-    Returns
-    -------
-    FilterChoices
     """
     shared = low_passes_on(parameters, {"INS_GYRO_FILTER": _GYRO})
     return FilterChoices(

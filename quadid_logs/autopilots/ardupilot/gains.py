@@ -33,10 +33,6 @@ def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = N
         Of the log.
     version : tuple of int, optional
         Of its firmware.
-
-    Returns
-    -------
-    Tunable
     """
     axes = {axis: _names(name, version) for axis, name in AXIS_NAMES.items()}
     return Tunable(

@@ -59,10 +59,6 @@ def read_binary(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG
     system : int
         Not used: a DataFlash file holds one vehicle.
 
-    Returns
-    -------
-    FlightLog
-
     Raises
     ------
     LogNotFoundError, EmptyLogError, UnknownFormatError
@@ -82,10 +78,6 @@ def read_text(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG00
         The file.
     system : int
         Not used: a DataFlash file holds one vehicle.
-
-    Returns
-    -------
-    FlightLog
 
     Raises
     ------

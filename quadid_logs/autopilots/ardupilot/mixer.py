@@ -105,10 +105,6 @@ def mix(
         Roll, pitch, yaw and throttle factor of each motor; the last is 1 in every frame of the table.
     supply : Supply
     yaw_headroom : float
-
-    Returns
-    -------
-    MixerOutput
     """
     roll, pitch, yaw = (command * supply.gain[:, None]).T
     highest = supply.throttle_limit * supply.gain

@@ -125,14 +125,6 @@ def _of_direction(table: MessageTable, rows: Rows, labels: Mapping[str, str], di
 def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
     """Return the controllers around the rate loop that the parameters make.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-
-    Returns
-    -------
-    OuterControllers
-
     Notes
     -----
     With ATC_RATE_FF_ENAB the shaper gives a target that lags the wanted angle by ATC_INPUT_TC for small

@@ -544,10 +544,6 @@ def messages_to_read(present: Mapping[str, int]) -> frozenset[str]:
     ----------
     present : mapping of str to int
         Rows of each message in the log.
-
-    Returns
-    -------
-    frozenset of str
     """
     wanted = [source for source in SOURCES if source.unless not in present]
     return messages_of(wanted).union(*(source.joined for source in wanted))

@@ -20,10 +20,6 @@ _LEAST_RATIO: Final = 0.6
 def thrust_law(parameters: Mapping[str, float]) -> ThrustLaw:
     """Return the law of these parameters.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-
     Returns
     -------
     ThrustLaw

@@ -50,11 +50,6 @@ _DEFAULTS = {"MOT_THST_EXPO": 0.65, "MOT_SPIN_MIN": 0.15, "MOT_SPIN_MAX": 0.95, 
 def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     """Rebuild motor thrusts from RATE and the mixer, and from RCOU.
 
-    Parameters
-    ----------
-    log : CleanLog
-    airframe : Airframe
-
     Returns
     -------
     Rebuilt

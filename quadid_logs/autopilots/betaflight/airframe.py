@@ -36,10 +36,6 @@ class _Match(NamedTuple):
 def find_airframe(log: FlightLog) -> Airframe | Unknown:
     """Compare the outputs' slopes on roll, pitch and yaw sums with the motor table, rotors either way round.
 
-    Parameters
-    ----------
-    log : FlightLog
-
     Returns
     -------
     Airframe or Unknown

@@ -54,10 +54,6 @@ def sweep_of(texts: Mapping[str, str]) -> Sweep | None:
     ----------
     texts : mapping of str to str
         Of the header.
-
-    Returns
-    -------
-    Sweep or None
     """
     cells = [texts.get(name, "").strip() for name in SWEEP_SETTINGS]
     if not all(cell.isdecimal() and len(cell) < 7 for cell in cells):

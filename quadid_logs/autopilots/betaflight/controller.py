@@ -87,10 +87,6 @@ def controllers(
     axes : sequence of str
         Those wanted.
 
-    Returns
-    -------
-    FlownControllers or None
-
     Notes
     -----
     ``pid.c``, ``pid_init.c``, ``gyro_filter_impl.c``, ``rpm_filter.c``.

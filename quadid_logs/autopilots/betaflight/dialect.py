@@ -49,10 +49,6 @@ class Firmware(NamedTuple):
 def firmware_of(texts: Mapping[str, str]) -> Firmware:
     """Return name and version of the firmware that wrote a header.
 
-    Parameters
-    ----------
-    texts : mapping of str to str
-
     Returns
     -------
     Firmware
@@ -102,10 +98,6 @@ class Dialect:
     def is_mine(self, head: bytes) -> bool:
         """Tell whether a file that begins with these bytes is a Blackbox file of this firmware.
 
-        Parameters
-        ----------
-        head : bytes
-
         Returns
         -------
         bool
@@ -140,16 +132,7 @@ def fields_of(sources: tuple[Source[Any], ...]) -> tuple[str, ...]:
 
 
 def settings_of(texts: Mapping[str, str]) -> dict[str, float]:
-    """Return the numbers of a header; those of a list by name and place, as ``rollPID[0]``.
-
-    Parameters
-    ----------
-    texts : mapping of str to str
-
-    Returns
-    -------
-    dict of str to float
-    """
+    """Return the numbers of a header; those of a list by name and place, as ``rollPID[0]``."""
     found: dict[str, float] = {}
     for name, text in texts.items():
         if name.startswith("Field "):
@@ -162,17 +145,7 @@ def settings_of(texts: Mapping[str, str]) -> dict[str, float]:
 
 
 def common_settings(settings: Mapping[str, float], version: Version | None) -> dict[str, float]:
-    """Return settings under the names of later versions, with the gains by those of the command line.
-
-    Parameters
-    ----------
-    settings : mapping of str to float
-    version : tuple of int or None
-
-    Returns
-    -------
-    dict of str to float
-    """
+    """Return settings under the names of later versions, with the gains by those of the command line."""
     found = with_later_names(settings, version)
     return found | named_gains(found)
 

@@ -109,10 +109,6 @@ def cutoff_hz(settings: Mapping[str, float], names: LowPassNames, throttle: floa
     throttle : float
         From 0 to 1, by which a dynamic one moves between its ends.
 
-    Returns
-    -------
-    float
-
     Notes
     -----
     Betaflight: ``dynLpfCutoffFreq``; a gyro's before 4.3 ``dynThrottle``.
@@ -138,10 +134,6 @@ def low_pass(
     settings, names, throttle
         As of `cutoff_hz`.
     period_s : float
-
-    Returns
-    -------
-    tuple of DiscreteFilter
 
     Notes
     -----

@@ -45,16 +45,7 @@ class Flown(NamedTuple):
 
 @once
 def flown(log: FlightLog) -> Flown:
-    """Return what a flight was like on average.
-
-    Parameters
-    ----------
-    log : FlightLog
-
-    Returns
-    -------
-    Flown
-    """
+    """Return what a flight was like on average."""
     throttle = next(iter(log.candidates("throttle")), None)
     if throttle is None:
         return Flown(0.0, 0.0, (), _gyro_delay_s(log), _levelling(log))

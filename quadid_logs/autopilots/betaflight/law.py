@@ -108,10 +108,6 @@ def full_stick_rad_s(settings: Mapping[str, float]) -> float:
 def angle_delay_s(version: tuple[int, ...] | None = None) -> float:
     """Return how old the angle is that a rate set-point is made of, its smoothing included.
 
-    Parameters
-    ----------
-    version : tuple of int or None
-
     Returns
     -------
     float
@@ -169,10 +165,6 @@ def rate_gains(settings: Mapping[str, float], axis: str, version: tuple[int, ...
     axis : str
     version : tuple of int or None
         Of the firmware; None for a recent one.
-
-    Returns
-    -------
-    RateGains
 
     Raises
     ------
@@ -236,10 +228,6 @@ def d_filter(settings: Mapping[str, float], throttle: float, loop_s: float) -> D
     throttle : float
         By which the first low-pass moves.
     loop_s : float
-
-    Returns
-    -------
-    DiscreteFilter
     """
     return reduce(mul, d_filters(settings, throttle, loop_s).values(), derivative(loop_s))
 

@@ -61,10 +61,6 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
     number : int
         Which log of the file, from 1; 0 takes the only one that holds frames.
 
-    Returns
-    -------
-    FlightLog
-
     Raises
     ------
     UnknownFormatError

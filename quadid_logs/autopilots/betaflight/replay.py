@@ -296,10 +296,6 @@ def _at_rows(used: DiscreteFilter, values: FloatArray, n_loops: int) -> FloatArr
 def d_parts(log: FlightLog) -> Mapping[str, float]:
     """Return by axis how far D-max moved D from the lower to the higher one, on the average of the flight.
 
-    Parameters
-    ----------
-    log : FlightLog
-
     Returns
     -------
     mapping of str to float

@@ -116,10 +116,6 @@ def find_rotors(log: CleanLog, motors: CleanSeries, output: FloatArray, flown: B
     output : ndarray, shape (n_samples, n_rotors)
         As a fraction of full throttle.
     flown : ndarray of bool, shape (n_samples,)
-
-    Returns
-    -------
-    Rotors
     """
     one = np.ones((1, 1))
     common = Rotors(COMMON_EXPO, COMMON_LAG_S, _supply(log, motors, flown), one, measured=False)

@@ -169,16 +169,7 @@ def _volts(header: Header, settings: Mapping[str, float]) -> float:
 
 
 def cuts_terms(settings: Container[str]) -> bool:
-    """Tell whether terms were cut towards zero, by the names of a header: rounded ones are those of 4.4 on.
-
-    Parameters
-    ----------
-    settings : container of str
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether terms were cut towards zero, by a header's names: rounded ones are those of 4.4 on."""
     return _SINCE_ROUNDED not in settings
 
 

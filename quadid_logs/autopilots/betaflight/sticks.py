@@ -201,10 +201,6 @@ def told_by_p(
     version : tuple of int
     command, rate, p : ndarray, shape (n, 3)
         Logged sticks, the gyro [deg/s], and the terms P, of rows in which sticks command rates.
-
-    Returns
-    -------
-    Sticks
     """
     if not _TWO_KINDS[0] <= version < _TWO_KINDS[1]:
         return sticks

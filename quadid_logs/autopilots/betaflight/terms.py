@@ -61,10 +61,6 @@ def controller_terms(main: FrameTable, rows: Rows, *, cut: bool) -> tuple[Contro
     rows : Rows
     cut : bool
         As of `signals.cuts_terms`.
-
-    Returns
-    -------
-    tuple of ControllerTerms
     """
     found = []
     for number, axis in enumerate(AXES):

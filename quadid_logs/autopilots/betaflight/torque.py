@@ -48,17 +48,7 @@ class _Scale(NamedTuple):
 
 
 def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
-    """Take the outputs through the propellers' thrust curve.
-
-    Parameters
-    ----------
-    log : CleanLog
-    airframe : Airframe
-
-    Returns
-    -------
-    Rebuilt
-    """
+    """Take the outputs through the propellers' thrust curve."""
     motors, command = log.first("motor_thrust"), log.first("torque_command")
     throttle = log.first("throttle")
     if motors is None or command is None or throttle is None:

@@ -211,10 +211,6 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     system : int
         System id; 0 chooses the autopilot with most messages.
 
-    Returns
-    -------
-    FlightLog
-
     Raises
     ------
     EmptyLogError

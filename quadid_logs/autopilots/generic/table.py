@@ -72,10 +72,6 @@ def from_columns(columns: Mapping[str, object], name: str) -> FlightLog:
     name : str
         Stands where a file's path would.
 
-    Returns
-    -------
-    FlightLog
-
     Raises
     ------
     UnknownFormatError

@@ -24,10 +24,6 @@ _UPRIGHT: Final = 0.9
 def find_airframe(log: FlightLog) -> Airframe | Unknown:
     """Read CA_ROTORn_*; before 1.13 the geometry was in a mixer file that no log holds.
 
-    Parameters
-    ----------
-    log : FlightLog
-
     Returns
     -------
     Airframe or Unknown

@@ -66,11 +66,6 @@ _ANGLE_GAINS: Final = ("MC_ROLL_P", "MC_PITCH_P", "MC_YAW_P")
 def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
     """Return the gains from angles to rate set-points; see `Autopilot.angle_gains`.
 
-    Parameters
-    ----------
-    mode : str
-    parameters : mapping of str to float
-
     Returns
     -------
     tuple of float, or None
@@ -105,10 +100,6 @@ def controllers(
         Of the loop, where the log's rows turned out to be some of its steps only.
     axes : sequence of str
         Those wanted.
-
-    Returns
-    -------
-    FlownControllers
 
     Notes
     -----
@@ -166,10 +157,6 @@ def rate_parameters(parameters: Mapping[str, float], name: str) -> dict[str, flo
     parameters : mapping of str to float
     name : str
         ROLL, PITCH or YAW.
-
-    Returns
-    -------
-    dict of str to float
     """
     return by_short_names(parameters, f"MC_{name}RATE_", _NEEDED, _OPTIONAL)
 

@@ -28,11 +28,6 @@ _SAME_PERIOD: Final = 0.3
 def gyro_fifo(part: Part[TopicTable], source: Source[Any]) -> Built | None:
     """Return every sample at its own time; None where there is none.
 
-    Parameters
-    ----------
-    part : Part
-    source : Source
-
     Returns
     -------
     Built or None

@@ -35,10 +35,6 @@ def parameter_filter(
     followed : mapping of str to ndarray, shape (n_instants, n_rotors)
         Of the log, the speeds of the rotors [Hz] that the notches of IMU_GYRO_DNF_* follow.
 
-    Returns
-    -------
-    GyroFilter
-
     Notes
     -----
     PX4: VehicleAngularVelocity.cpp, NotchFilter.hpp.

@@ -43,10 +43,6 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     system : int
         Has no effect: a ULog holds one vehicle.
 
-    Returns
-    -------
-    FlightLog
-
     Raises
     ------
     EmptyLogError

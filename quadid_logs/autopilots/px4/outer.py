@@ -66,10 +66,6 @@ _DEFAULT_SLOPE_HZ: Final = 5.0
 def position_rows(topics: Mapping[TopicKey, TopicTable]) -> tuple[PositionRows, ...]:
     """Return what the log holds of the horizontal position controllers.
 
-    Parameters
-    ----------
-    topics : mapping of (name, instance) to TopicTable
-
     Returns
     -------
     tuple of PositionRows
@@ -141,14 +137,6 @@ def _forwards(table: TopicTable | None, time_s: FloatArray, label: str, number: 
 
 def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
     """Return the controllers around the rate loop that the parameters make.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-
-    Returns
-    -------
-    OuterControllers
 
     Notes
     -----

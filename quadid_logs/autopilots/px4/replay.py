@@ -75,12 +75,6 @@ def replay_inputs(
 def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str) -> ReplayedTerms:
     """Replay RateControl::update.
 
-    Parameters
-    ----------
-    rows : AxisRows
-    parameters : mapping of str to float
-    axis : str
-
     Returns
     -------
     ReplayedTerms

@@ -76,10 +76,6 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (on
     system : int
         Not used: an sdlog2 file holds one vehicle.
 
-    Returns
-    -------
-    FlightLog
-
     Raises
     ------
     LogNotFoundError, EmptyLogError, UnknownFormatError

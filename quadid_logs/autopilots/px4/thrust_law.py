@@ -22,10 +22,6 @@ _CHARGED_V: Final = 4.05
 def thrust_law(parameters: Mapping[str, float]) -> ThrustLaw:
     """Return the law of these parameters.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-
     Returns
     -------
     ThrustLaw

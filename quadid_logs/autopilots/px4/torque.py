@@ -33,11 +33,6 @@ _N_OUTPUTS = 16
 def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     """Rebuild motor thrusts from every source that the log holds.
 
-    Parameters
-    ----------
-    log : CleanLog
-    airframe : Airframe
-
     Returns
     -------
     Rebuilt
