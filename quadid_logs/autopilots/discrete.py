@@ -29,7 +29,6 @@ def first_order(cutoff_hz: float, period_s: float) -> DiscreteFilter:
     ----------
     cutoff_hz : float
         What is not positive switches the filter off.
-    period_s : float
 
     Notes
     -----
@@ -58,7 +57,6 @@ def butterworth(cutoff_hz: float, period_s: float) -> DiscreteFilter:
     ----------
     cutoff_hz : float
         At most 0.4 of the sample rate is used.
-    period_s : float
 
     Notes
     -----
@@ -94,7 +92,6 @@ def gyro_filters(known: GyroFilter, period_s: float) -> tuple[Filter, ...]:
 
     Parameters
     ----------
-    known : GyroFilter
     period_s : float
         Of the gyro [s]; a notch above half of its rate is none.
     """
@@ -119,7 +116,6 @@ def notches_named(name: str, places: Places, period_s: float) -> NamedFilter:
 
     Parameters
     ----------
-    name : str
     places : Places
         One instant for notches that did not move.
     period_s : float

@@ -54,8 +54,6 @@ def in_modes(modes: Sequence[ModeChange], names: Collection[str], time_s: FloatA
 
     Parameters
     ----------
-    modes : sequence of ModeChange
-    names : collection of str
     time_s : ndarray, shape (n,)
 
     Returns

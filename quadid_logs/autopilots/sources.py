@@ -148,8 +148,6 @@ def build_signals(
 
     Parameters
     ----------
-    sources : iterable of Source
-        The autopilot's table.
     parts_of : callable
         Returns what the log holds of a source: one part a sensor, none where it has no such message.
     separator : str
@@ -192,12 +190,8 @@ def stacked(
 
     Parameters
     ----------
-    table : Table
     fields : collection of str
         Each one number or an array of them per row.
-    scale : float
-    dtype : dtype-like
-        Of the result.
 
     Returns
     -------

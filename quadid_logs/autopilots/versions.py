@@ -52,9 +52,6 @@ def by_short_names(
 
     Parameters
     ----------
-    parameters : mapping of str to float
-    prefix : str
-    needed : sequence of str
     optional : mapping of str to float
         With the values of those that are missing, or no number in a damaged log.
 

@@ -54,7 +54,6 @@ def parameter_filter(
 
     Parameters
     ----------
-    parameters : mapping of str to float
     followed : mapping of str to ndarray, shape (n_instants, n_columns)
         Of the log: see `followed.followed`.
     version : tuple of int or None

@@ -217,9 +217,6 @@ def attitude_rows(
 
     Parameters
     ----------
-    log : FlightLog
-    parameters : mapping of str to float
-        Those that flew.
     intervals : sequence of (start_s, end_s)
         Flights on the log's own clock; none for the whole log.
 
@@ -305,9 +302,6 @@ def shaper_rows(
 
     Parameters
     ----------
-    log : FlightLog
-    parameters : mapping of str to float
-        Those that flew.
     intervals : sequence of (start_s, end_s)
         Flights on the log's own clock; none for the whole log.
 

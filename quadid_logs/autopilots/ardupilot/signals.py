@@ -499,7 +499,6 @@ def controller_terms(tables: Mapping[str, MessageTable], clock: LogClock) -> tup
     ----------
     tables : mapping of str to MessageTable
         PIDR, PIDP, PIDY and ATSC as far as the log has them.
-    clock : LogClock
 
     Returns
     -------

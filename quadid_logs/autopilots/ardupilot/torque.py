@@ -93,11 +93,6 @@ def motor_settings(known: Mapping[str, float]) -> MotorSettings | None:
 
     MOT_PWM_MIN and MOT_PWM_MAX of 0 mean the throttle stick's range
     (AP_MotorsMulticopter.cpp, `get_pwm_output_min`).
-
-    Parameters
-    ----------
-    known : mapping of str to float
-        The log's parameters.
     """
     prefix = motor_prefix(known)
     if f"{prefix}MOT_THST_EXPO" not in known or f"{prefix}MOT_SPIN_MIN" not in known:

@@ -24,7 +24,6 @@ def flight_modes(slow: FrameTable | None, rows: Rows) -> tuple[ModeChange, ...]:
 
     Parameters
     ----------
-    slow : FrameTable or None
     rows : Rows
         Of the main frames.
     """

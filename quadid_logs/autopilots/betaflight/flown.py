@@ -10,7 +10,7 @@ import numpy as np
 from quadid_logs.autopilots.betaflight.filters import measured_filter
 from quadid_logs.autopilots.betaflight.flight_modes import SELF_LEVELLING
 from quadid_logs.autopilots.loop_rows import in_step
-from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.data.log import FlightLog
 from quadid_logs.data.once import once
 
 #: With less throttle a quadrotor stands on the ground, where the PID is reset, or falls.
@@ -77,9 +77,5 @@ def _gyro_delay_s(log: FlightLog) -> float:
     unfiltered = next((one for one in sources if one.source == "main.gyroUnfilt"), None)
     if filtered is None or unfiltered is None or filtered.n_samples < 2:
         return math.nan
-    found = measured_filter(filtered.values, unfiltered.values, _period_s(filtered))
+    found = measured_filter(filtered.values, unfiltered.values, float(np.median(np.diff(filtered.time_s))))
     return math.nan if found is None else math.sqrt(2.0) / (2.0 * math.pi * found.low_pass_hz)
-
-
-def _period_s(signal: Signal) -> float:
-    return float(np.median(np.diff(signal.time_s)))

@@ -16,11 +16,6 @@ _HIGHEST, _HIGHEST_BEFORE = 250.0, 200.0
 def tunable(parameters: Mapping[str, float]) -> Tunable:
     """Return the gains that may be changed.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Of the log.
-
     Returns
     -------
     Tunable

@@ -139,7 +139,6 @@ class Advice:
         ----------
         axes : sequence of str
             Of "roll", "pitch" and "yaw", at least one.
-        version : tuple of int, or None
         """
         return f"In calm air, {self._doublets(axes)}"
 
@@ -187,7 +186,6 @@ class Advice:
 
         Parameters
         ----------
-        axis : str
         sweep : mapping of str to float
             magnitude [1], start_hz, stop_hz, fade_in_s, record_s, fade_out_s.
         """
@@ -257,8 +255,6 @@ class Advice:
 
         Parameters
         ----------
-        comment : str
-        settings : sequence of (name, value)
         parameters : mapping of str to float
             Of the log, which number the vehicle.
         """
@@ -273,7 +269,6 @@ class Advice:
         ----------
         heading : sequence of str
             Comments before the first gain.
-        gains : sequence of (comment, name, value)
         parameters : mapping of str to float
             Of the log, which number the vehicle.
         """
@@ -290,10 +285,6 @@ class Advice:
 
         Parameters
         ----------
-        parameters : mapping of str to float
-            Of the log.
-        changed : collection of str
-            The parameters that change.
         back : bool
             For the way back to what flew.
         """
@@ -308,7 +299,6 @@ class Advice:
 
         Parameters
         ----------
-        axes : sequence of str
         sweeps : mapping of str to mapping
             As for `steps`.
         """
@@ -319,7 +309,6 @@ class Advice:
 
         Parameters
         ----------
-        axes : sequence of str
         sweeps : mapping of str to mapping
             By axis, as for `sweep_settings`; empty where the pilot flies doublets.
         """

@@ -30,7 +30,6 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
 
     Parameters
     ----------
-    log : FlightLog
     parameters : mapping of str to float
         That flew: what is not among them, this version does not have.
     lines : sequence of Line

@@ -21,13 +21,6 @@ _NOT_TUNED: Final = {1: "a plane", 4: "a helicopter", **dict.fromkeys(range(19, 
 def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = None) -> Tunable:
     """Return the gains that may be changed.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Of the log.
-    version : tuple of int, optional
-        Of its firmware.
-
     Returns
     -------
     Tunable

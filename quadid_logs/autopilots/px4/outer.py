@@ -195,9 +195,6 @@ def attitude_rows(
 
     Parameters
     ----------
-    log : FlightLog
-    parameters : mapping of str to float
-        Those that flew.
     intervals : sequence of (start_s, end_s)
         Flights on the log's own clock; none for the whole log.
 
@@ -242,29 +239,23 @@ def attitude_rows(
     targets: dict[tuple[float, ...], FloatArray] = {(): quaternion_from_euler(wanted.values[asked[chosen]])}
     natural = min(_natural_rad_s(parameters), _FASTEST_RAD_S)
     if natural:
-        targets[(1.0 / natural,) * 2] = _followed(log, attitude, wanted, natural)[now[chosen]]
+        # The attitude that the reference model had at each row of the attitude.
+        _, latest = last_before(wanted.time_s, attitude.time_s)
+        target = quaternion_from_euler(np.nan_to_num(wanted.values[np.maximum(latest, 0)]))
+        modelled = followed(target, _yaw_rate(log, attitude.time_s), attitude.time_s, natural)
+        targets[(1.0 / natural,) * 2] = modelled[now[chosen]]
     some = [float(gain or 0.0) for gain in gains]
     made = {
         lags_s: _from_error(multiply_quaternions(conjugate(body), target), some, parameters)
         for lags_s, target in targets.items()
     }
-    lags_s = min(made, key=lambda one: _left(rows, made[one]))
+    lags_s = min(
+        made, key=lambda one: float(np.median(np.abs(made[one] + rows.forward - rows.logged)[:, :2]))
+    )
     if len(made) == 1:
         return replace(rows, from_error=made[lags_s])
     # Of yaw the model leaves a sixth, and nobody knows why.
     return replace(rows, from_error=made[lags_s], lags_s=lags_s, not_judged=("yaw",) if lags_s else ())
-
-
-def _left(rows: AttitudeRows, made: FloatArray) -> float:
-    """Return what a law leaves of roll and pitch rates, a median."""
-    return float(np.median(np.abs(made + rows.forward - rows.logged)[:, :2]))
-
-
-def _followed(log: FlightLog, attitude: Signal, wanted: Signal, natural_rad_s: float) -> FloatArray:
-    """Return the attitude that the reference model had at each row of the attitude."""
-    _, row = last_before(wanted.time_s, attitude.time_s)
-    targets = quaternion_from_euler(np.nan_to_num(wanted.values[np.maximum(row, 0)]))
-    return followed(targets, _yaw_rate(log, attitude.time_s), attitude.time_s, natural_rad_s)
 
 
 def _latest(signal: Signal, time_s: FloatArray, oldest_s: float) -> tuple[IntArray, BoolArray]:

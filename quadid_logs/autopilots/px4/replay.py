@@ -35,8 +35,6 @@ def replay_inputs(
 
     Parameters
     ----------
-    log : FlightLog
-    controllers : FlownControllers
     intervals : sequence of (start_s, end_s)
         Flights on the log's own clock; none for the whole log.
 

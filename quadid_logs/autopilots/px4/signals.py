@@ -141,7 +141,6 @@ def signals(topics: Mapping[TopicKey, TopicTable], known: GyroFilter) -> dict[st
 
     Parameters
     ----------
-    topics : mapping of (name, instance) to TopicTable
     known : GyroFilter
         What the parameters tell of the gyro's filters.
     """
