@@ -18,7 +18,6 @@ def calibration_half_width(parameter: Parameter, given: InputDescription | None)
     ----------
     parameter : Parameter
         An element of B.
-    given : InputDescription or None
 
     Returns
     -------

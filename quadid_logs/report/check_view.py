@@ -19,7 +19,6 @@ from quadid_logs.data.promise import (
     Promise,
     QuantityKind,
     VehicleCheck,
-    WeakRotor,
 )
 from quadid_logs.data.result import Result
 from quadid_logs.report.commands import on_log
@@ -122,7 +121,15 @@ def _details(one: AxisCheck) -> Iterator[str]:
     """Yield the figures of an axis, or the parameters that flew with other values."""
     for figure in one.figures:
         if figure.differs or figure.name in _ALWAYS:
-            yield _figure_words(figure)
+            words, unit = _FIGURES[figure.name]
+            measured, promised_text = (
+                f"{estimate(each.value, *each.ci95)} {unit}".rstrip()
+                for each in (figure.measured, figure.promised)
+            )
+            judged = ""
+            if figure.differs:
+                judged = ": better" if figure.gain > 0 else ": worse"
+            yield f"{words} {measured}, promised {promised_text}{judged}"
     if one.obstacle is not Obstacle.OTHER_GAINS:
         return
     for name, (promised, flown) in list(one.other_gains.items())[:_MOST_NAMED]:
@@ -130,17 +137,6 @@ def _details(one: AxisCheck) -> Iterator[str]:
         yield f"{printable(name, 60)} {value}, promised {exact(promised)}"
     if len(one.other_gains) > _MOST_NAMED:
         yield f"and {len(one.other_gains) - _MOST_NAMED} more"
-
-
-def _figure_words(figure: FigureCheck) -> str:
-    words, unit = _FIGURES[figure.name]
-    measured, promised = (
-        f"{estimate(each.value, *each.ci95)} {unit}".rstrip() for each in (figure.measured, figure.promised)
-    )
-    judged = ""
-    if figure.differs:
-        judged = ": better" if figure.gain > 0 else ": worse"
-    return f"{words} {measured}, promised {promised}{judged}"
 
 
 def _vehicle_lines(found: Check) -> Iterator[str]:
@@ -221,10 +217,33 @@ def check_text(promise: Promise, after: Result, found: Check) -> str:
         "verdict": found.outcome.value,
         "decision": found.decision.value,
         "reason": None if found.obstacle is None else found.obstacle.value,
-        "axes": {axis: _axis_dict(one) for axis, one in found.axes.items()},
+        "axes": {
+            axis: {
+                "verdict": one.held.value,
+                "reason": None if one.obstacle is None else one.obstacle.value,
+                "decision": one.decision.value,
+                "stable": one.stable,
+                "flown": one.flown.value,
+                "other_gains": {
+                    name: {"promised": promised, "flown": flown}
+                    for name, (promised, flown) in one.other_gains.items()
+                },
+                "figures": {
+                    figure.name: _test(figure) | {"better": figure.gain > 0} for figure in one.figures
+                },
+            }
+            for axis, one in found.axes.items()
+        },
         "vehicle": {
             "changed": found.is_other_vehicle,
-            "rotor": _rotor_dict(found.rotor),
+            "rotor": None
+            if found.rotor is None
+            else {
+                "number": found.rotor.rotor + 1,
+                "name": found.rotor.name,
+                "loss": found.rotor.loss.value,
+                "ci95": found.rotor.loss.ci95,
+            },
             "n_cells": {"promised": found.n_cells[0], "measured": found.n_cells[1]},
             "quantities": [
                 {"kind": one.kind.value, "axis": one.axis, "command": one.command, **_test(one)}
@@ -233,27 +252,6 @@ def check_text(promise: Promise, after: Result, found: Check) -> str:
         },
     }
     return strict_text(content)
-
-
-def _rotor_dict(rotor: WeakRotor | None) -> dict[str, Any] | None:
-    if rotor is None:
-        return None
-    return {"number": rotor.rotor + 1, "name": rotor.name, "loss": rotor.loss.value, "ci95": rotor.loss.ci95}
-
-
-def _axis_dict(one: AxisCheck) -> dict[str, Any]:
-    return {
-        "verdict": one.held.value,
-        "reason": None if one.obstacle is None else one.obstacle.value,
-        "decision": one.decision.value,
-        "stable": one.stable,
-        "flown": one.flown.value,
-        "other_gains": {
-            name: {"promised": promised, "flown": flown}
-            for name, (promised, flown) in one.other_gains.items()
-        },
-        "figures": {figure.name: _test(figure) | {"better": figure.gain > 0} for figure in one.figures},
-    }
 
 
 def _test(one: FigureCheck | VehicleCheck) -> dict[str, Any]:

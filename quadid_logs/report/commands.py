@@ -41,7 +41,6 @@ def on_log(result: Result, verb: str, *words: object) -> str:
 
     Parameters
     ----------
-    result : Result
     verb : str
         One of `_TAKES`.
     *words : object
@@ -74,8 +73,6 @@ def like_log(text: str, path: str, options: Sequence[object] = ()) -> str:
 
     Parameters
     ----------
-    text : str
-    path : str
     options : sequence of object
         Of the log, each with its values.
     """

@@ -142,7 +142,6 @@ def amount(quantity: Quantity, difference: float, towards: float = 1.0) -> str:
 
     Parameters
     ----------
-    quantity : Quantity
     difference : float
         In the unit of the quantity.
     towards : float

@@ -18,12 +18,6 @@ _HEAD = ("steps", "horizon", "error", "constant rates", "coverage: roll", "pitch
 def prediction_lines(path: str, found: Sequence[HorizonPrediction]) -> tuple[str, ...]:
     """Return what was predicted of one flight as lines for people.
 
-    Parameters
-    ----------
-    path : str
-        Of the log.
-    found : sequence of HorizonPrediction
-
     Returns
     -------
     tuple of str
@@ -52,7 +46,6 @@ def predictions_text(ahead: RatePredictor, found: Mapping[str, Sequence[HorizonP
 
     Parameters
     ----------
-    ahead : RatePredictor
     found : mapping of str to sequence of HorizonPrediction
         By the log's path.
     """

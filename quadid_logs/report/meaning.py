@@ -27,7 +27,6 @@ def meaning_sentence(result: Result, axis: str) -> str:
 
     Parameters
     ----------
-    result : Result
     axis : str
         roll, pitch or yaw.
     """

@@ -24,7 +24,6 @@ def name_of(found: Repeatability, flight: int) -> str:
 
     Parameters
     ----------
-    found : Repeatability
     flight : int
         Its place among the logs.
     """

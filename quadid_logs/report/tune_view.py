@@ -100,8 +100,6 @@ def tune_view(
 
     Parameters
     ----------
-    result : Result
-    tuning : Tuning
     forecasts : mapping of str to tuple of AutotuneForecast, optional
         By axis, where the autopilot's own procedure would end.
     """
@@ -120,7 +118,8 @@ def tune_view(
         ),
         steps=tuple(filled(step, result) for step in _steps(result, tuning)),
         margins=_table(tuning),
-        limits=_limits(tuning.limits),
+        limits=f"Limits, each to be met with 97.5 % confidence: {number(tuning.limits.gain_db, 3)} dB, "
+        f"{number(tuning.limits.phase_deg, 3)} degrees, a disk margin of {number(tuning.limits.disk, 3)}.",
         off_nominal=tuple(off_nominal_tables(tuning)),
         off_nominal_note=off_nominal_note(tuning),
     )
@@ -191,7 +190,6 @@ def way_back(autopilot: str, tuning: Tuning) -> WayBack:
     ----------
     autopilot : str
         As in `FlightLog.autopilot`.
-    tuning : Tuning
     """
     changing = {axis: found for axis, found in tuning.axes.items() if found.verdict == "change"}
     safe = {axis: has_way_back(found, tuning.limits) for axis, found in changing.items()}
@@ -456,10 +454,3 @@ def _row(name: str, loop: str, margins: Margins) -> tuple[Cell, ...]:
         margins.oscillation_hz,
     )
     return (head, *(estimated_cell(one) for one in figures))
-
-
-def _limits(limits: Limits) -> str:
-    return (
-        f"Limits, each to be met with 97.5 % confidence: {number(limits.gain_db, 3)} dB, "
-        f"{number(limits.phase_deg, 3)} degrees, a disk margin of {number(limits.disk, 3)}."
-    )

@@ -17,11 +17,6 @@ from quadid_logs.report.step_picture import rise_words
 def what_if_parts(grids: Mapping[str, WhatIf]) -> dict[str, Any]:
     """Return what the template needs, and for the policy that lets only this script run.
 
-    Parameters
-    ----------
-    grids : mapping of str to WhatIf
-        By axis.
-
     Returns
     -------
     dict
