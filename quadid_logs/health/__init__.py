@@ -73,7 +73,6 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
 
     Parameters
     ----------
-    prepared : Prepared
     data : FlightData
         What was cut of it: its flights are looked at.
     """

@@ -40,7 +40,6 @@ def records(
     ----------
     several : sequence of CleanSeries
         At least one.
-    intervals : sequence of (start_s, end_s)
     most : int
         Samples in all.
     shortest_s : float
