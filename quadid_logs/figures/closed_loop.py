@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.closed_loop import AxisLoop, LoopCurve, PredictedSeries
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.closed_loop import AxisLoop, LoopCurve
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, Label, LeftOut, Level, Mark, Panel, Ribbon
 from quadid_logs.figures.thinning import thin_line
@@ -91,7 +91,11 @@ def _tracking(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     if found.prediction is None:
         return ()
     series = found.prediction.series
-    chosen = _most_excited(series)
+    parts = [
+        (series.time_s >= start_s) & (series.time_s <= min(end_s, start_s + _CLOSE_LOOK_S))
+        for start_s, end_s in spans(series.time_s, series.held_out)
+    ]
+    chosen = max(parts, key=lambda part: float(np.std(series.torque[part])))
     time_s = series.time_s[chosen]
 
     def curve(label: str, values: FloatArray, role: str, mark: Mark = "line") -> Curve:
@@ -123,15 +127,6 @@ def _tracking(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
             model_of=axis,
         ),
     )
-
-
-def _most_excited(series: PredictedSeries) -> BoolArray:
-    """Mark the held-out seconds with most torque."""
-    parts = [
-        (series.time_s >= start_s) & (series.time_s <= min(end_s, start_s + _CLOSE_LOOK_S))
-        for start_s, end_s in spans(series.time_s, series.held_out)
-    ]
-    return max(parts, key=lambda part: float(np.std(series.torque[part])))
 
 
 def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:

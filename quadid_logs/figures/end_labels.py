@@ -44,7 +44,6 @@ def spread(places: Sequence[float], apart: float) -> list[float]:
 
     Parameters
     ----------
-    places : sequence of float
     apart : float
         Where there is not room for all, those at the bottom leave the range.
 

@@ -162,7 +162,6 @@ def most_excited_seconds(fit: FitSeries, column: int) -> BoolArray | None:
 
     Parameters
     ----------
-    fit : FitSeries
     column : int
         The axis: 0 roll, 1 pitch, 2 yaw.
 
