@@ -54,7 +54,6 @@ def broken(line: str, columns: int, hang: int = 0) -> list[str]:
     ----------
     line : str
         Of words between spaces, commands between backticks.
-    columns : int
     hang : int
         By how many columns the lines after the first are indented.
     """
