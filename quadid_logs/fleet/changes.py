@@ -123,11 +123,6 @@ class ScatterPrior(NamedTuple):
 def count_tests(histories: Sequence[Sequence[Series]]) -> int:
     """Return how many differences `find_changes` and `find_open_change` may look at in all vehicles together.
 
-    Parameters
-    ----------
-    histories : sequence of sequence of Series
-        By vehicle.
-
     Returns
     -------
     int
@@ -162,11 +157,6 @@ def scatter_prior(histories: Sequence[Sequence[Series]]) -> dict[tuple[str, str]
 
     From differences of consecutive flights, which a change shifts only once;
     the median over the vehicles, which few changed ones do not shift.
-
-    Parameters
-    ----------
-    histories : sequence of sequence of Series
-        By vehicle.
 
     Returns
     -------
@@ -519,11 +509,8 @@ def present_value(one: Series, since: int, prior: ScatterPrior) -> tuple[float, 
 
     Parameters
     ----------
-    one : Series
     since : int
         Index of the first flight that counts: that of the last change.
-    prior : ScatterPrior
-        Of the quantity.
 
     Returns
     -------
@@ -548,7 +535,6 @@ def present_throttle(one: Series, since: int) -> float:
 
     Parameters
     ----------
-    one : Series
     since : int
         As for `present_value`.
 
@@ -578,8 +564,6 @@ def compare_vehicles(
     ----------
     present : mapping of str to (value, standard error)
         By vehicle, from `present_value`.
-    name, axis : str
-        Of the quantity.
     systematic : float
         As of the `Series`.
     n_tests : int

@@ -81,13 +81,7 @@ class _Known(NamedTuple):
 
 
 def n_disagreement_tests(histories: Sequence[Sequence[Series]]) -> int:
-    """Return how many quantities `find_disagreements` looks at in all vehicles together.
-
-    Parameters
-    ----------
-    histories : sequence of sequence of Series
-        By vehicle.
-    """
+    """Return how many quantities `find_disagreements` looks at in all vehicles together."""
     return sum(one.name == TESTED and len(one.known) > 1 for history in histories for one in history)
 
 

@@ -233,7 +233,6 @@ def fetched(file: LogFile, max_bytes: int) -> Iterator[tuple[Path, str]]:
 
     Parameters
     ----------
-    file : LogFile
     max_bytes : int
         Largest download.
 

@@ -78,10 +78,8 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules, sha256: 
 
     Parameters
     ----------
-    log : FlightLog
     file : LogFile
         Where it lies.
-    rules : NamingRules
     sha256 : str
         Of its content.
     """
@@ -160,7 +158,6 @@ def clock_zero(log: FlightLog, start_s: float, file: LogFile) -> tuple[float, st
 
     Parameters
     ----------
-    log : FlightLog
     start_s : float
         Where the log begins on its clock [s].
     file : LogFile

@@ -156,14 +156,10 @@ def failure_row(file: LogFile, sha256: str, rules: NamingRules, *, status: str, 
 
     Parameters
     ----------
-    file : LogFile
     sha256 : str
         Of its content, "" if that was never seen.
-    rules : NamingRules
     status : str
         `UNREADABLE` or `LOST`.
-    error : str
-        The reason, for people.
 
     Returns
     -------
@@ -187,10 +183,8 @@ def result_rows(
     ----------
     results : sequence of Result
         One per flight.
-    file : LogFile
     sha256 : str
         Of the log's content.
-    rules : NamingRules
 
     Returns
     -------
@@ -206,8 +200,24 @@ def result_rows(
             log = result.log
             zero_s, started_from = clock_zero(log, result.data.start_s, file)
             identity = identify_vehicle(log, file, rules, sha256)
-            shared = {**_file_part(file, sha256, identity), **_log_part(log), "started_from": started_from}
-        start_s, duration_s = _span(result)
+            shared = {
+                **_file_part(file, sha256, identity),
+                "status": ANALYZED,
+                "format": log.format,
+                "autopilot": log.autopilot,
+                "firmware": printable(log.firmware),
+                "vehicle_type": log.vehicle_type,
+                "frame": printable(log.frame),
+                "hardware_id": printable(log.hardware_id),
+                "started_from": started_from,
+            }
+        # Start and duration of the flight [s], of the log where it did not fly.
+        flights = result.data.flights
+        start_s, duration_s = (
+            (_finite(result.data.start_s) or 0.0, _finite(result.data.duration_s) or 0.0)
+            if not flights
+            else (flights[0][0], flights[-1][1] - flights[0][0])
+        )
         when = zero_s + start_s
         part = {
             "n_flights": n_flights,
@@ -244,19 +254,6 @@ def judged_as(rows: Sequence[Mapping[str, Any]], told: Sequence[Mapping[str, Any
     ]
 
 
-def _log_part(log: FlightLog) -> dict[str, Any]:
-    """Return what a log says of itself."""
-    return {
-        "status": ANALYZED,
-        "format": log.format,
-        "autopilot": log.autopilot,
-        "firmware": printable(log.firmware),
-        "vehicle_type": log.vehicle_type,
-        "frame": printable(log.frame),
-        "hardware_id": printable(log.hardware_id),
-    }
-
-
 def _file_part(file: LogFile, sha256: str, identity: Identity) -> dict[str, Any]:
     """Return what is known of every file."""
     return {
@@ -268,14 +265,6 @@ def _file_part(file: LogFile, sha256: str, identity: Identity) -> dict[str, Any]
         "n_bytes": file.n_bytes,
         "version": __version__,
     }
-
-
-def _span(result: Result) -> tuple[float, float]:
-    """Return start and duration of the flight [s], of the log where it did not fly."""
-    flights = result.data.flights
-    if not flights:
-        return _finite(result.data.start_s) or 0.0, _finite(result.data.duration_s) or 0.0
-    return flights[0][0], flights[-1][1] - flights[0][0]
 
 
 def _health_part(result: Result) -> dict[str, Any]:

@@ -64,11 +64,6 @@ def run_fleet(
 
     Parameters
     ----------
-    files : sequence of LogFile
-    folder : Path
-        The store.
-    options : Options
-    cluster : Cluster
     resume : bool
         Add to a store that exists.
     progress : callable

@@ -41,7 +41,6 @@ def sparkline(one: Series, label: str, changes: Sequence[int]) -> Sparkline | No
 
     Parameters
     ----------
-    one : Series
     label : str
         What it is, for those who do not see it.
     changes : sequence of int

@@ -98,8 +98,6 @@ class FileTransfer:
 
         Parameters
         ----------
-        path : str
-        file : binary file
         size : int
             As listed; what the vehicle sends beyond is left out.
         tell : callable
@@ -130,7 +128,6 @@ class FileTransfer:
 
         Parameters
         ----------
-        path : str
         size : int
             Says how long the vehicle may take [bytes].
         """

@@ -25,7 +25,6 @@ def begins_log(data: bytes, first: int) -> bool:
 
     Parameters
     ----------
-    data : bytes
     first : int
         Where in it the first message begins.
     """
@@ -61,7 +60,6 @@ class ULogStream:
         ----------
         number : int
             Counts frames; after 65535 comes 0.
-        data : bytes
         first : int
             Where in it the first message begins.
         now_s : float

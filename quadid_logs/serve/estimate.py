@@ -43,7 +43,6 @@ class Pace:
         ----------
         n_bytes : int
             Of its logs together.
-        kind : Kind
         """
         base = 2.0 * _BASE_S if kind is Kind.COMPARE else _BASE_S
         return self._factor * (base + _PER_BYTE_S * n_bytes)

@@ -21,15 +21,7 @@ _STYLES: Final = (
 
 
 def page(template: str, *, status: int = 200, **values: Any) -> HTMLResponse:
-    """Return a page.
-
-    Parameters
-    ----------
-    template : str
-    status : int
-    **values : object
-        What the template needs.
-    """
+    """Return a page."""
     text = environment("quadid_logs.serve", "quadid_logs.fleet").get_template(template)
     return HTMLResponse(text.render(version=__version__, **values), status)
 
@@ -41,7 +33,6 @@ def start_page(problem: str, *, status: int = 200) -> HTMLResponse:
     ----------
     problem : str
         With the one that was given.
-    status : int
     """
     return page("start.html", status=status, problem=problem)
 
@@ -53,8 +44,6 @@ def vehicle_page(history: Path, vehicle: str) -> HTMLResponse | None:
     ----------
     history : Path
         A fleet's store.
-    vehicle : str
-        Its name there.
 
     Returns
     -------

@@ -194,7 +194,14 @@ class Schedule:
         with self._condition:
             fresh = [entry for key, entry in self._entries.items() if not since or self._changed[key] > since]
             waiting = [entry for entry in self._entries.values() if entry.state is State.QUEUED]
-            running = {key: _shown(each.progress, now_s) for key, each in self._running.items()}
+            running: dict[str, dict[str, Any]] = {
+                key: {
+                    "stage": each.progress.stage,
+                    "fraction": round(each.progress.fraction(now_s), 3),
+                    "left_s": round(each.progress.left_s(now_s), 1),
+                }
+                for key, each in self._running.items()
+            }
             left_s = sum(float(each["left_s"]) for each in running.values())
             left_s += sum(self._pace.expected_s(entry.n_bytes, entry.kind) for entry in waiting)
             return Changes(
@@ -245,16 +252,15 @@ class Schedule:
                 continue
             if found is not None:
                 if worker is None or not worker.is_alive:
-                    worker = self._new_worker()
+                    # The process that was started ahead, or a new one.
+                    with self._condition:
+                        spare = self._spare.pop() if self._spare else None
+                    worker = (
+                        spare if spare is not None and spare.is_alive else Worker(self._limits.most_bytes)
+                    )
                 self._do(*found, worker)
         if worker is not None:
             worker.kill()
-
-    def _new_worker(self) -> Worker:
-        """Return the process that was started ahead, or a new one."""
-        with self._condition:
-            spare = self._spare.pop() if self._spare else None
-        return spare if spare is not None and spare.is_alive else Worker(self._limits.most_bytes)
 
     def _next(self) -> tuple[Entry, _Running] | None:
         """Wait for a job and mark it as running; None when the server ends."""
@@ -345,12 +351,3 @@ class Schedule:
                 with contextlib.suppress(QuadidError):  # on a full disk it is known until the server ends
                     self._store.put(failed)
                 self._end(failed)
-
-
-def _shown(progress: Progress, now_s: float) -> dict[str, Any]:
-    """Return what the page needs of a running job."""
-    return {
-        "stage": progress.stage,
-        "fraction": round(progress.fraction(now_s), 3),
-        "left_s": round(progress.left_s(now_s), 1),
-    }

@@ -121,7 +121,6 @@ def hosts_of(host: str, port: int) -> Iterable[str]:
     ----------
     host : str
         That it listens on.
-    port : int
     """
     for name in dict.fromkeys((*LOOPBACK, host, *((socket.gethostname(),) if not is_loopback(host) else ()))):
         shown = f"[{name}]" if ":" in name else name

@@ -86,7 +86,6 @@ def serve(settings: ServeSettings, began: Callable[[str], None]) -> None:
 
     Parameters
     ----------
-    settings : ServeSettings
     began : callable
         Called with the address to open, token included, once the server listens.
 

@@ -65,7 +65,6 @@ class ServeStore:
 
         Parameters
         ----------
-        folder : Path
         address : str
             Where the server listens, for whoever is refused.
 
@@ -171,8 +170,6 @@ class ServeStore:
 
         Parameters
         ----------
-        entry : Entry
-            As it is to be written.
         folder : Path
             Where the result was written.
         outcome : Outcome or None

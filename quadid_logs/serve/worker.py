@@ -62,7 +62,6 @@ class Worker:
 
         Parameters
         ----------
-        job : Job
         told : callable
             Called with each stage as it begins, and with the summary once there is one.
         timeout_s : float
