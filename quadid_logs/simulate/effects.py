@@ -357,7 +357,6 @@ def with_outliers(values: FloatArray, fraction: float, rng: np.random.Generator)
     values : ndarray, shape (n_samples, n_columns)
     fraction : float
         Of the samples; in each, one column is absurd.
-    rng : numpy.random.Generator
 
     Returns
     -------

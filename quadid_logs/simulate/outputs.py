@@ -38,10 +38,8 @@ class OutputCurve(NamedTuple):
 
         Parameters
         ----------
-        thrust : float or ndarray
         voltage : float or ndarray
             Of the battery over that of a full one.
-        ops : Arithmetic
         """
         rest = 1.0 - thrust
         held = self.held_back(voltage, ops)
@@ -64,7 +62,6 @@ def output_curve(effects: Sequence[Effects], *, wanted: bool) -> OutputCurve:
 
     Parameters
     ----------
-    effects : sequence of Effects
     wanted : bool
         The firmware has these settings.
     """

@@ -29,7 +29,10 @@ def page_text(experiment: Experiment) -> str:
     """Return the whole page as Markdown; the figures lie beside it."""
     parts = [
         "# The source paper's experiment, re-run",
-        _setting(),
+        "Table I vehicle (Ixx = Iyy = 0.008, Izz = 0.01 kg m^2, no products of inertia), torque 0.01 N m at "
+        "1 rad/s on one axis at a time from rest, eq. (8) integrated by a variable-order Adams "
+        "predictor-corrector, sampled every 200 ms, H_k of eq. (11) solved for every window of six samples. "
+        "All numbers below but the column 'published' were computed by this run.",
         "![Torque, rates and angles of the single-axis runs](fig4.png)",
         "## Eq. (12) beside ours and the truth",
         *_tables(experiment),
@@ -38,16 +41,6 @@ def page_text(experiment: Experiment) -> str:
         *_findings(experiment),
     ]
     return "\n\n".join(parts) + "\n"
-
-
-def _setting() -> str:
-    """Say in words what was flown."""
-    return (
-        "Table I vehicle (Ixx = Iyy = 0.008, Izz = 0.01 kg m^2, no products of inertia), torque 0.01 N m at "
-        "1 rad/s on one axis at a time from rest, eq. (8) integrated by a variable-order Adams "
-        "predictor-corrector, sampled every 200 ms, H_k of eq. (11) solved for every window of six samples. "
-        "All numbers below but the column 'published' were computed by this run."
-    )
 
 
 def _tables(experiment: Experiment) -> list[str]:

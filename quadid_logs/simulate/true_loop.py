@@ -20,8 +20,6 @@ def true_controller(setup: Setup, axis: int, rotors_hz: float | None = None) -> 
 
     Parameters
     ----------
-    setup : Setup
-    axis : int
     rotors_hz : float, optional
         Their speed, at which a notch stands that follows them; without it notches are left out.
 
@@ -76,10 +74,8 @@ def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:
 
     Parameters
     ----------
-    setup : Setup
     truth : dict
         As of `quadid_logs.simulate.truth.flight_truth`.
-    axis : int
     """
     model = truth["models"]["damped"]
     seen = 1.0 + setup.noise.gyro_scale[axis]

@@ -225,7 +225,6 @@ def streams_of(setup: Setup, streams: tuple[Stream, ...]) -> tuple[Stream, ...]:
 
     Parameters
     ----------
-    setup : Setup
     streams : tuple of Stream
         Of any flight, at the rates of the log's settings.
     """

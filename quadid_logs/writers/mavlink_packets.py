@@ -48,7 +48,6 @@ def payload_of(kind: MessageType, values: tuple[_Value, ...]) -> bytes:
 
     Parameters
     ----------
-    kind : MessageType
     values : tuple
         Of its fields in the order of their definition; those that are missing are zero.
     """
