@@ -123,7 +123,6 @@ class MotorSeries:
 
         Parameters
         ----------
-        airframe : Airframe
         expo : AssumedExpo, optional
             That of the thrust.
 

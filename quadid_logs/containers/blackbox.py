@@ -116,7 +116,6 @@ def read_content(
 
     Parameters
     ----------
-    path : str or Path
     wanted : callable, optional
         Is given the fields of the main frames, and returns those to keep; all by default. Loop and time are
         always kept.

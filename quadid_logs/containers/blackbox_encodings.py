@@ -138,10 +138,8 @@ def frame_ends(block: Block, start: IntArray, groups: tuple[Group, ...]) -> IntA
 
     Parameters
     ----------
-    block : Block
     start : ndarray of int64, shape (n,)
         Of the frames' first field.
-    groups : tuple of Group
 
     Returns
     -------
@@ -174,11 +172,8 @@ def frame_values(
 
     Parameters
     ----------
-    block : Block
     start : ndarray of int64, shape (n,)
         As in `frame_ends`.
-    layout : Layout
-    groups : tuple of Group
 
     Returns
     -------

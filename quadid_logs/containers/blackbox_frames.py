@@ -99,7 +99,6 @@ def blocks_of(
 
     Parameters
     ----------
-    file : FileParts
     start, stop : int
         [bytes].
     position : ndarray of int64, shape (n,), optional

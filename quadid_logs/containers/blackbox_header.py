@@ -104,7 +104,6 @@ def read_header(file: FileParts, start: int, stop: int, accept: Accept | None = 
 
     Parameters
     ----------
-    file : FileParts
     start, stop : int
         Of the log in the file [bytes].
     accept : callable, optional

@@ -128,11 +128,6 @@ class MessageIndex(NamedTuple):
 def index_messages(content: FileParts) -> MessageIndex:
     """Find all messages of a DataFlash file.
 
-    Parameters
-    ----------
-    content : FileParts
-        The file.
-
     Returns
     -------
     MessageIndex

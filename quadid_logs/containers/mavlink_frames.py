@@ -155,7 +155,10 @@ def _all_packets(file: FileParts, dialect: Dialect) -> Packets:
     """
     whole, count = _NO_PACKETS, 0
     for begin, block in file.blocks(_BLOCK, LONGEST):
-        more = _right_packets(block, dialect)
+        # Those with a right checksum that begin in the first `_BLOCK` bytes; places count from 0.
+        packets = _candidates(block, dialect)
+        packets = packets.where(_has_right_checksum(block, packets, dialect))
+        more = packets.where(np.argsort(packets.start, kind="stable"))
         after = count + len(more.start)
         if after > len(whole.start):
             expected = int(1.1 * after * file.n_bytes / (begin + _BLOCK))
@@ -165,13 +168,6 @@ def _all_packets(file: FileParts, dialect: Dialect) -> Packets:
         whole.start[count:after] += begin
         count = after
     return whole.where(slice(count))
-
-
-def _right_packets(block: Bytes, dialect: Dialect) -> Packets:
-    """Find the packets with a right checksum that begin in the first `_BLOCK` bytes; places count from 0."""
-    packets = _candidates(block, dialect)
-    packets = packets.where(_has_right_checksum(block, packets, dialect))
-    return packets.where(np.argsort(packets.start, kind="stable"))
 
 
 def _candidates(block: Bytes, dialect: Dialect) -> Packets:

@@ -130,7 +130,6 @@ def read_messages(
 
     Parameters
     ----------
-    path : str or Path
     names : collection of str, optional
         Message names to decode; all by default.
     system : int
@@ -149,7 +148,6 @@ def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -
 
     Parameters
     ----------
-    path : str or Path
     names : collection of str
         Message names to decode.
     system : int
