@@ -27,7 +27,6 @@ def command(verb: str, *words: object) -> str:
 
     Parameters
     ----------
-    verb : str
     *words : object
         Arguments and options, each as its text; no shell changes any of them.
 
@@ -44,7 +43,6 @@ def quoted(word: str, *, windows: bool = os.name == "nt") -> str:
 
     Parameters
     ----------
-    word : str
     windows : bool
         For cmd and PowerShell, where no name holds a double quote.
 

@@ -18,7 +18,7 @@ import numpy as np
 from quadid_logs.align import Prepared, cut
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.containers.tail import LogTail
-from quadid_logs.data.flight import LEAST_FLIGHT_S, FlightData, Segment
+from quadid_logs.data.flight import LEAST_FLIGHT_S, FlightData
 from quadid_logs.data.log import NO_GYRO_FILTER
 from quadid_logs.data.model import SpectralFit
 from quadid_logs.data.settings import AlignSettings
@@ -340,13 +340,12 @@ def _missing(data: FlightData) -> str:
         if sum(end_s - start_s for start_s, end_s in data.flights) < _STEP_S:
             return "the vehicle has just taken off"
         return "body rates or torque are not logged, or too slowly"
-    if not any(_has_command(segment) for segment in data.segments):
+    if not any(
+        segment.command is not None and np.isfinite(segment.command).all(axis=1).any()
+        for segment in data.segments
+    ):
         return "this flight mode's set-points are no commands: fly in a mode that the sticks command"
     return ""
-
-
-def _has_command(segment: Segment) -> bool:
-    return segment.command is not None and bool(np.isfinite(segment.command).all(axis=1).any())
 
 
 def _oscillation(prepared: Prepared, data: FlightData) -> str:
@@ -426,7 +425,6 @@ def figure_block(figures: LiveFigures, width: int = 24) -> tuple[str, ...]:
 
     Parameters
     ----------
-    figures : LiveFigures
     width : int
         Of a bar, in characters.
 

@@ -34,7 +34,6 @@ def some(words: Sequence[str], n_all: int) -> str:
 
     Parameters
     ----------
-    words : sequence of str
     n_all : int
         Named ones and others.
 

@@ -197,7 +197,6 @@ class IdentifiedModel(Model):
         Parameters
         ----------
         axis : {"roll", "pitch", "yaw"}
-        n_draws : int
         seed : int
             Another seed, other vehicles.
 
