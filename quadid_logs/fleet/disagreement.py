@@ -184,7 +184,15 @@ def _explain(one: Series, known: _Known, n_tests: int, *, is_last: bool, found: 
         found.changes.setdefault(first, []).append(shift)
         if not ends_with_log:
             back = known.flight[begins + n_differ]
-            repaired = _reversed(shift)
+            repaired = Shift(
+                name=shift.name,
+                axis=shift.axis,
+                before=shift.after,
+                after=shift.before,
+                margin=shift.margin,
+                half_width=shift.half_width,
+                p_value=shift.p_value,
+            )
             found.changes.setdefault(int(back), []).append(repaired)
 
 
@@ -245,17 +253,4 @@ def _shift(one: Series, known: _Known, differs: BoolArray, n_tests: int) -> Shif
         margin=-float(ndtri(0.5 * FALSE_ALARMS / max(n_tests, 1))) * error + by_throttle,
         half_width=NORMAL_95 * error,
         p_value=min(2.0 * float(ndtr(-beyond / error)) * n_tests, 1.0),
-    )
-
-
-def _reversed(shift: Shift) -> Shift:
-    """Return the way back."""
-    return Shift(
-        name=shift.name,
-        axis=shift.axis,
-        before=shift.after,
-        after=shift.before,
-        margin=shift.margin,
-        half_width=shift.half_width,
-        p_value=shift.p_value,
     )

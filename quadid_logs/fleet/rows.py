@@ -104,7 +104,12 @@ def decode(row: dict[str, Any]) -> None:
             row[name] = None if row[name] is None else read(row[name])
         except (ValueError, RecursionError) as error:
             raise ForeignRowError(f"{name} is {printable(repr(row[name]), 60)}") from error
-    for name, allowed in _allowed(row["status"]).items():
+    of_axis: dict[str, frozenset[str | None]] = {"axis": frozenset(AXES), "verdict": _VERDICTS}
+    words = {
+        "status": frozenset({ANALYZED, UNREADABLE, LOST}),
+        **(of_axis if row["status"] == ANALYZED else {}),
+    }
+    for name, allowed in words.items():
         if row[name] not in allowed:
             raise ForeignRowError(f"{name} is {printable(repr(row[name]), 60)}")
     needed = ("vehicle", "url", "sha256", *(_NEEDED if row["status"] == ANALYZED else ()))
@@ -126,15 +131,6 @@ def _read_codes(text: str) -> list[str]:
     if not isinstance(codes, list) or not all(isinstance(code, str) for code in codes):
         raise ValueError
     return codes
-
-
-def _allowed(status: str | None) -> Mapping[str, frozenset[str | None]]:
-    """Return the words that some columns may hold."""
-    of_axis: dict[str, frozenset[str | None]] = {"axis": frozenset(AXES), "verdict": _VERDICTS}
-    return {
-        "status": frozenset({ANALYZED, UNREADABLE, LOST}),
-        **(of_axis if status == ANALYZED else {}),
-    }
 
 
 def schema() -> pa.Schema:

@@ -56,14 +56,6 @@ _MOST_NAMED: Final = 6
 _WEAK_ROTOR: Final = "QL430"
 
 
-def _headline(found: Check) -> str:
-    """Say what became of the promise; where other gains flew and nothing is worse, nothing tested it."""
-    tested = any(one.held is Held.WORSE for one in found.axes.values()) or bool(found.vehicle_changes)
-    if found.outcome is Outcome.BROKEN and not tested:
-        return "other gains flew than the promised ones"
-    return _HEADLINES[found.outcome]
-
-
 def check_lines(promise: Promise, after: Result, found: Check) -> tuple[str, ...]:
     """Return a check as lines for people.
 
@@ -73,7 +65,14 @@ def check_lines(promise: Promise, after: Result, found: Check) -> tuple[str, ...
         Lines without control characters, whatever log and file hold.
     """
     name = printable(PurePath(after.log.path).name, 80)
-    lines = [f"{name} against the promise of {printable(promise.log, 80)}: {_headline(found)}"]
+    # Where other gains flew and nothing is worse, nothing tested the promise.
+    tested = any(one.held is Held.WORSE for one in found.axes.values()) or bool(found.vehicle_changes)
+    headline = (
+        "other gains flew than the promised ones"
+        if found.outcome is Outcome.BROKEN and not tested
+        else _HEADLINES[found.outcome]
+    )
+    lines = [f"{name} against the promise of {printable(promise.log, 80)}: {headline}"]
     if found.obstacle is not None:
         lines.append(f"  {_obstacle_words(promise, after, found.obstacle)}")
     else:

@@ -112,21 +112,7 @@ def _matrix(
         )
         for row, target in enumerate(model.targets)
     )
-    return Table(
-        caption=caption,
-        head=("", *(_column_words(name) for name in columns)),
-        rows=rows,
-        note=_note(model, columns, distrusted),
-    )
-
-
-def _column_words(name: str) -> str:
-    words = regressor_words(name)
-    return name if words == name else f"{words} ({name})"
-
-
-def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) -> str:
-    """Say what the regressors are, which entries are no results, and why."""
+    # The note says what the regressors are, which entries are no results, and why.
     words = "; ".join(filter(None, (_WORDS.get(name) for name in columns)))
     words = f"{words}." if words else ""
     refused = f"Rows marked {_DISTRUSTED!r} belong to refused axes: do not use them."
@@ -135,7 +121,17 @@ def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) ->
         for parameter in model.parameters
         if parameter.target not in distrusted and parameter.regressor in columns
     )
-    return " ".join(filter(None, (words, refused if distrusted else "", _weak_note(trusted))))
+    return Table(
+        caption=caption,
+        head=("", *(_column_words(name) for name in columns)),
+        rows=rows,
+        note=" ".join(filter(None, (words, refused if distrusted else "", _weak_note(trusted)))),
+    )
+
+
+def _column_words(name: str) -> str:
+    words = regressor_words(name)
+    return name if words == name else f"{words} ({name})"
 
 
 def _entry(parameter: Parameter | None, value: float, largest: float, distrusted: bool) -> Cell:

@@ -161,7 +161,10 @@ def _figure_4(runs: tuple[Run, Run, Run]) -> Figure:
     for column, run in enumerate(runs):
         for row, (label, names, attribute) in enumerate(quantities):
             axes = grid[row][column]
-            for name, style, series in zip(names, ("-", "--", ":"), _shown(run, attribute).T, strict=True):
+            # The series to draw; of the attitude, the angle turned about each body axis.
+            values: FloatArray = getattr(run, attribute)
+            shown = angle_turned(values) if attribute == "quaternion" else values
+            for name, style, series in zip(names, ("-", "--", ":"), shown.T, strict=True):
                 axes.plot(run.time_s, series, style, marker=".", markersize=3, label=name)
             axes.set_ylabel(label)
             axes.grid(alpha=0.3)
@@ -172,12 +175,6 @@ def _figure_4(runs: tuple[Run, Run, Run]) -> Figure:
         grid[2][column].set_xlabel("time [s]")
     figure.suptitle("Torque, body rates and angles turned, sampled every 200 ms (the paper's Fig. 4)")
     return figure
-
-
-def _shown(run: Run, attribute: str) -> FloatArray:
-    """Return the series to draw; of the attitude, the angle turned about each body axis."""
-    values: FloatArray = getattr(run, attribute)
-    return angle_turned(values) if attribute == "quaternion" else values
 
 
 def angle_turned(quaternion: FloatArray) -> FloatArray:
