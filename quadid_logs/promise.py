@@ -204,10 +204,7 @@ def _weak_rotor(promise: Promise, after: Result) -> WeakRotor | None:
 def checked(before: Result, after: Result) -> Mapping[str, AxisCheck]:
     """Hold what a flight promised of its successor against that.
 
-    Returns
-    -------
-    mapping of str to AxisCheck
-        By axis that flew with the recommended gains, where these are others than before.
+    By axis that flew with the recommended gains, where these are others than before.
     """
     flown = [flown_parameters(one.log, one.data) for one in (before, after)]
     tunable = named(before.log.autopilot).tunable(flown[0])

@@ -446,11 +446,8 @@ def _agreement(quantities: Sequence[RepeatedQuantity], axis: str) -> Agreement:
 def strangers(logs: Sequence[FlightLog]) -> dict[int, str]:
     """Tell which logs say that they are of another vehicle than most.
 
-    Returns
-    -------
-    dict of int to str
-        By place what says so. What a log does not tell makes no other vehicle of it; a name or a frame that
-        is shown as it stands in the log: untrusted text.
+    By place what says so. What a log does not tell makes no other vehicle of it; a name or a frame that is
+    shown as it stands in the log: untrusted text.
     """
     found: dict[int, list[str]] = {}
     for words, tell in _IDENTITY:

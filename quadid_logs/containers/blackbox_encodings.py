@@ -109,10 +109,7 @@ class Block:
 def groups_of(layout: Layout) -> tuple[Group, ...]:
     """Return the groups in which the fields are written.
 
-    Returns
-    -------
-    tuple of Group
-        A single field of TAG8_8SVB has no tag: it is a number like those beside it.
+    A single field of TAG8_8SVB has no tag: it is a number like those beside it.
     """
     groups: list[Group] = []
     at = 0

@@ -84,10 +84,7 @@ class Header:
 def find_logs(file: FileParts) -> list[int]:
     """Return where each log of a file begins.
 
-    Returns
-    -------
-    list of int
-        Byte offsets, rising.
+    Byte offsets, rising.
     """
     found = []
     for start, block in file.blocks(_BLOCK_BYTES, len(MAGIC) - 1):

@@ -128,11 +128,8 @@ class MessageIndex(NamedTuple):
 def index_messages(content: FileParts) -> MessageIndex:
     """Find all messages of a DataFlash file.
 
-    Returns
-    -------
-    MessageIndex
-        The messages in file order. Bytes outside them are in `lost`. Work and
-        memory grow linearly with the file, whatever is in it.
+    The messages in file order. Bytes outside them are in `lost`. Work and memory grow linearly with the file,
+    whatever is in it.
     """
     headers = find_headers(content)
     definitions = read_definitions(content, headers)

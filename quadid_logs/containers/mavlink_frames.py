@@ -107,11 +107,8 @@ class Framing(NamedTuple):
 def frame(file: FileParts, dialect: Dialect) -> Framing:
     """Find every packet of a telemetry log.
 
-    Returns
-    -------
-    Framing
-        Bytes that belong to no packet are in `lost`, except packets of unknown
-        type, whose checksum cannot be known, where they fill a gap exactly.
+    Bytes that belong to no packet are in `lost`, except packets of unknown type, whose checksum cannot be
+    known, where they fill a gap exactly.
     """
     packets = _all_packets(file, dialect)
     # Mark the packets that do not begin inside an earlier one: a checksum can be right by chance.

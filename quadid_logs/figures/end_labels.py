@@ -13,10 +13,7 @@ _LONGEST, _MOST = 16, 6
 def labelled(panel: Panel) -> tuple[Curve, ...]:
     """Return the curves of a panel that can bear their name at their end.
 
-    Returns
-    -------
-    tuple of Curve
-        Lines with a short name that no other of the panel bears; none of a drawing, whose lines end anywhere.
+    Lines with a short name that no other of the panel bears; none of a drawing, whose lines end anywhere.
     """
     lines = [curve for curve in panel.curves if curve.mark in {"line", "wide", "dashed"} and curve.x.size]
     names = [curve.label for curve in lines]

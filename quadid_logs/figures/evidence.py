@@ -115,10 +115,7 @@ def _explained(r2: float, *, by_commands: bool) -> str:
 def held_out_seconds(result: Result) -> tuple[Held, ...]:
     """Return for each axis the held-out seconds that move it most, without what is slower than the fit.
 
-    Returns
-    -------
-    tuple of Held
-        Of roll, pitch and yaw; empty where there is no model or nothing was held out.
+    Of roll, pitch and yaw; empty where there is no model or nothing was held out.
     """
     model = result.identification.recommended
     fit = None if model is None else model.fit

@@ -33,13 +33,9 @@ _RIGHT_PX, _LETTER_PX, _LETTER_NARROW_PX = 14, 7.0, 6.4
 def interactive(figure: Figure) -> dict[str, Any]:
     """Return traces, and one layout for wide and one for narrow screens.
 
-    Returns
-    -------
-    dict
-        ``key``, ``over_time``, ``data`` and ``layouts`` (``wide``,
-        ``narrow``), ready for `json.dumps`; arrays are base64 typed arrays, in
-        which a gap is NaN. A trace whose ``meta`` says ``end`` bears its name at its end in the panels at
-        the right edge; the page's script puts it there, because it moves with the zoom.
+    ``key``, ``over_time``, ``data`` and ``layouts`` (``wide``, ``narrow``), ready for `json.dumps`; arrays
+    are base64 typed arrays, in which a gap is NaN. A trace whose ``meta`` says ``end`` bears its name at its
+    end in the panels at the right edge; the page's script puts it there, because it moves with the zoom.
     """
     seen = set(map(_name, names_at_ends(figure)))
     traces = [

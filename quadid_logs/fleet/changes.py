@@ -123,10 +123,7 @@ class ScatterPrior(NamedTuple):
 def count_tests(histories: Sequence[Sequence[Series]]) -> int:
     """Return how many differences `find_changes` and `find_open_change` may look at in all vehicles together.
 
-    Returns
-    -------
-    int
-        Tests that Bonferroni's correction must count.
+    Tests that Bonferroni's correction must count.
     """
     lengths = [len(one.known) for history in histories for one in history]
     decided = sum(
@@ -158,10 +155,7 @@ def scatter_prior(histories: Sequence[Sequence[Series]]) -> dict[tuple[str, str]
     From differences of consecutive flights, which a change shifts only once;
     the median over the vehicles, which few changed ones do not shift.
 
-    Returns
-    -------
-    dict of (name, axis) to ScatterPrior
-        None for a quantity that fewer than five vehicles have.
+    None for a quantity that fewer than five vehicles have.
     """
     found: dict[tuple[str, str], list[float]] = {}
     for history in histories:

@@ -94,10 +94,7 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules, sha256: 
 def craft_name(log: FlightLog) -> str:
     """Return what the pilot called the vehicle, "" where the log does not say.
 
-    Returns
-    -------
-    str
-        Untrusted text. What tells the systems of a MAVLink log apart is a number, and no name.
+    Untrusted text. What tells the systems of a MAVLink log apart is a number, and no name.
     """
     return "" if log.systems else log.vehicle_name.strip()
 

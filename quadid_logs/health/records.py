@@ -123,10 +123,7 @@ def _on_grid(series: CleanSeries, grid: FloatArray) -> Iterator[FloatArray]:
 def in_flight(series: CleanSeries, intervals: Sequence[Interval], most: int = MOST_SAMPLES) -> Record:
     """Return the samples of a series that lie in the intervals, every n-th of very many, not resampled.
 
-    Returns
-    -------
-    Record
-        Its times are not uniform.
+    Its times are not uniform.
     """
     slices = [series.within(*interval) for interval in intervals]
     step = max(1, -(-sum(one.stop - one.start for one in slices) // most))

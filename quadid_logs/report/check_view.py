@@ -59,10 +59,7 @@ _WEAK_ROTOR: Final = "QL430"
 def check_lines(promise: Promise, after: Result, found: Check) -> tuple[str, ...]:
     """Return a check as lines for people.
 
-    Returns
-    -------
-    tuple of str
-        Lines without control characters, whatever log and file hold.
+    Lines without control characters, whatever log and file hold.
     """
     name = printable(PurePath(after.log.path).name, 80)
     # Where other gains flew and nothing is worse, nothing tested the promise.

@@ -49,10 +49,7 @@ def headline(comparison: Comparison) -> str:
 def comparison_lines(before: Result, after: Result, comparison: Comparison) -> tuple[str, ...]:
     """Return the comparison as lines for people.
 
-    Returns
-    -------
-    tuple of str
-        Lines without control characters, whatever the logs hold.
+    Lines without control characters, whatever the logs hold.
     """
     names = [printable(PurePath(result.log.path).name, 80) for result in (before, after)]
     lines = [f"{names[0]} -> {names[1]}: {headline(comparison)}"]
@@ -118,10 +115,7 @@ def _sentence(quantity: Quantity) -> str:
 def throttle_note(quantity: Quantity) -> str:
     """Say what another mean throttle may have made of a value, "" where it was the same.
 
-    Returns
-    -------
-    str
-        A clause that goes on after a comma.
+    A clause that goes on after a comma.
     """
     change = quantity.throttle_change
     if abs(change) < _LEAST_THROTTLE_CHANGE:
@@ -163,10 +157,7 @@ def amount(quantity: Quantity, difference: float, towards: float = 1.0) -> str:
 def promise_sentences(before: Result, after: Result) -> tuple[str, ...]:
     """Return whether the axes that flew with the recommended gains have the promised margins.
 
-    Returns
-    -------
-    tuple of str
-        One for each such axis.
+    One for each such axis.
     """
     return tuple(_promise_sentence(axis, one) for axis, one in checked(before, after).items())
 

@@ -40,10 +40,7 @@ def tunable_autopilots() -> tuple[str, ...]:
 def gain_files(result: Result, tuning: Tuning) -> dict[str, str]:
     """Return the text of each file by its name.
 
-    Returns
-    -------
-    dict of str to str
-        Empty where no gain changes.
+    Empty where no gain changes.
     """
     changes = tuning.changes
     if not changes:

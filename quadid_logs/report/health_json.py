@@ -30,10 +30,7 @@ from quadid_logs.data.health import (
 def health_dict(health: Health) -> dict[str, Any]:
     """Return ``health``: each topic None, or its figures with a sentence.
 
-    Returns
-    -------
-    dict
-        Topics that this version does not look at are None too.
+    Topics that this version does not look at are None too.
     """
     # Rates, angles and steps, of which the first that is there says the sentence.
     parts: Mapping[str, tuple[Topic | None, Callable[[Any], dict[str, Any]]]] = {

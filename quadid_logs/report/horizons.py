@@ -18,10 +18,7 @@ _HEAD = ("steps", "horizon", "error", "constant rates", "coverage: roll", "pitch
 def prediction_lines(path: str, found: Sequence[HorizonPrediction]) -> tuple[str, ...]:
     """Return what was predicted of one flight as lines for people.
 
-    Returns
-    -------
-    tuple of str
-        Lines without control characters, whatever the log holds.
+    Lines without control characters, whatever the log holds.
     """
     rows = [
         (

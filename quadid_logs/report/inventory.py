@@ -35,11 +35,7 @@ _NAME_WIDTH = 11
 def missing_for_analysis(log: FlightLog, data: FlightData) -> tuple[Finding, ...]:
     """Return what `analyze` would complain about before it has looked at the motion.
 
-    Returns
-    -------
-    tuple of Finding
-        Errors first, then warnings. Whether the flight excited every axis only
-        `analyze` can tell.
+    Errors first, then warnings. Whether the flight excited every axis only `analyze` can tell.
     """
     told = (
         *find_in_file(log, data),

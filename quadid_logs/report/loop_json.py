@@ -114,10 +114,7 @@ def _control_gain(found: Estimated | None, unit: CommandUnit | None) -> dict[str
 def margins_and_step(found: AxisLoop) -> dict[str, Any]:
     """Return ``margins`` and ``step`` of an axis, None where nothing may be said.
 
-    Returns
-    -------
-    dict
-        Values not yet `plain`.
+    Values not yet `plain`.
     """
     margins, step = found.margins, found.step
     return {
@@ -155,10 +152,7 @@ def _replay(replay: Replay) -> dict[str, Any]:
 def margins_dict(margins: Margins) -> dict[str, Any]:
     """Return the margins of one loop.
 
-    Returns
-    -------
-    dict
-        Values not yet `plain`.
+    Values not yet `plain`.
     """
     return {
         "stable": margins.stable,

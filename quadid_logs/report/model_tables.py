@@ -36,10 +36,7 @@ _WORDS = {term.symbol: term.words for structure in STRUCTURES for term in struct
 def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
     """Return B, A without products of rates, which seldom matter, and the inertia tensor.
 
-    Returns
-    -------
-    tuple of Table
-        As in the equation: one row for each acceleration, one column for each torque or regressor.
+    As in the equation: one row for each acceleration, one column for each torque or regressor.
     """
     unit = "N m" if input_unit(result) == "N m" else "unit of normalised command"
     refused = _refused_targets(result)

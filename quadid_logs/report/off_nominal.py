@@ -100,10 +100,7 @@ def _cell(flown: Estimated | None, figure: Estimated | None) -> Cell:
 def off_nominal_dict(found: AxisTuning) -> list[dict[str, Any]]:
     """Return ``off_nominal`` of an axis: one entry for each condition.
 
-    Returns
-    -------
-    list of dict
-        Values not yet `plain`.
+    Values not yet `plain`.
     """
     return [
         {

@@ -46,10 +46,7 @@ def _distance(margins: Margins) -> str:
 def outer_tables(outer: OuterLoops | None) -> tuple[Table, ...]:
     """Return the tables of margins and replays.
 
-    Returns
-    -------
-    tuple of Table
-        Without those that would be empty.
+    Without those that would be empty.
     """
     if outer is None:
         return ()

@@ -55,10 +55,7 @@ def plan_file_names(autopilot: str) -> FileNames:
 def parameter_files(plan: Plan) -> dict[str, str]:
     """Return the text of each parameter file by its name, as the autopilot's ground station loads it.
 
-    Returns
-    -------
-    dict of str to str
-        What makes the autopilot log, sweep, and fly a script, where that has to be set, and the ways back.
+    What makes the autopilot log, sweep, and fly a script, where that has to be set, and the ways back.
     """
     advice, names = plan.advice, plan_file_names(plan.autopilot)
     text = partial(advice.parameter_text, parameters=plan.parameters)

@@ -59,10 +59,7 @@ def mean_words(quantity: RepeatedQuantity) -> str:
 def between_words(quantity: RepeatedQuantity) -> str:
     """Return how far flights differ beyond their own errors, as a standard deviation with its interval.
 
-    Returns
-    -------
-    str
-        In per cent of the mean; in the unit of lag and delay.
+    In per cent of the mean; in the unit of lag and delay.
     """
     mean = quantity.mean
     is_relative = bool(quantity.axis) and mean.value != 0.0
@@ -74,10 +71,7 @@ def between_words(quantity: RepeatedQuantity) -> str:
 def repetition_lines(found: Repeatability) -> tuple[str, ...]:
     """Return the outcome as lines for people.
 
-    Returns
-    -------
-    tuple of str
-        Lines without control characters, whatever the logs hold.
+    Lines without control characters, whatever the logs hold.
     """
     lines = [headline(found)]
     for axis, outcome in found.axes.items():
@@ -138,10 +132,7 @@ def _quantity_lines(found: Repeatability, quantity: RepeatedQuantity) -> Iterato
 def mark(quantity: RepeatedQuantity, each: FlightEstimate) -> str:
     """Return what is to be said of one flight: an outlier, or not where the others predict it.
 
-    Returns
-    -------
-    str
-        Begins with a comma, or is empty.
+    Begins with a comma, or is empty.
     """
     if any(one.flight == each.flight for one in quantity.outliers):
         return ", outlier"
@@ -183,10 +174,7 @@ def _differ_sentence(found: Repeatability, quantity: RepeatedQuantity) -> str:
 def repetition_text(found: Repeatability) -> str:
     """Return the outcome as strict JSON in ASCII.
 
-    Returns
-    -------
-    str
-        What is not known is null.
+    What is not known is null.
     """
     held, n_left_out = found.left_out
     content: dict[str, Any] = {

@@ -118,10 +118,7 @@ class Schedule:
     def submit(self, entry: Entry) -> Entry:
         """Add an entry; one that is there already stays as it is, unless it gave nothing.
 
-        Returns
-        -------
-        Entry
-            That which is there.
+        That which is there.
         """
         with self._condition:
             held = self._entries.get(entry.id)
@@ -140,10 +137,7 @@ class Schedule:
     def choose(self, entry_id: str, number: int) -> bool:
         """Analyze another log of a file that holds several; what was asked about the first one is deleted.
 
-        Returns
-        -------
-        bool
-            Whether the file holds such a log.
+        Whether the file holds such a log.
         """
         with self._condition:
             entry = self._entries.get(entry_id)

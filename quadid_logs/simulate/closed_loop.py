@@ -243,10 +243,7 @@ class Record:
 def fly(setup: Setup) -> Record:
     """Fly once and record everything.
 
-    Returns
-    -------
-    Record
-        With the channels of `CORE` and `EXTRA`, each of shape (n_steps, n_columns).
+    With the channels of `CORE` and `EXTRA`, each of shape (n_steps, n_columns).
     """
     channels = CORE + EXTRA + (() if setup.position is None else NAVIGATION)
     values = _fly((setup,), channels)

@@ -80,11 +80,8 @@ class LogClock:
     def rows(self, table: MessageTable) -> Rows:
         """Return the rows of a table: the same object each time.
 
-        Returns
-        -------
-        Rows
-            With their own time [s], else that of the row before them in the file, else that at which the
-            firmware should have logged; NaN where nothing tells.
+        With their own time [s], else that of the row before them in the file, else that at which the firmware
+        should have logged; NaN where nothing tells.
         """
         if table not in self._rows:
             known, own = self._reference, own_time(table)

@@ -140,10 +140,7 @@ def loop_period_s(parameters: Mapping[str, float]) -> float:
 def flown_period_s(log: FlightLog, parameters: Mapping[str, float]) -> float:
     """Return the period that the rate loop had [s].
 
-    Returns
-    -------
-    float
-        That of the parameters. A rate thread runs as often as the processor lets it, which its rows tell.
+    That of the parameters. A rate thread runs as often as the processor lets it, which its rows tell.
     """
     promised_s = loop_period_s(parameters)
     rows = next(iter(log.candidates("body_rate_setpoint")), None)

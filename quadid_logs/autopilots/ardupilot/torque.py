@@ -50,10 +50,7 @@ _DEFAULTS = {"MOT_THST_EXPO": 0.65, "MOT_SPIN_MIN": 0.15, "MOT_SPIN_MAX": 0.95, 
 def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     """Rebuild motor thrusts from RATE and the mixer, and from RCOU.
 
-    Returns
-    -------
-    Rebuilt
-        The series at loop rate first, unless its pulse widths do not fit.
+    The series at loop rate first, unless its pulse widths do not fit.
     """
     settings = motor_settings(log.log.parameters)
     if settings is None:

@@ -49,10 +49,7 @@ class Firmware(NamedTuple):
 def firmware_of(texts: Mapping[str, str]) -> Firmware:
     """Return name and version of the firmware that wrote a header.
 
-    Returns
-    -------
-    Firmware
-        Its type where the revision holds no name. All of the family called their type Cleanflight until 4.3.
+    Its type where the revision holds no name. All of the family called their type Cleanflight until 4.3.
     """
     revision, kind = texts.get("Firmware revision", ""), texts.get("Firmware type", "")
     if match := _REVISION.match(revision):
@@ -98,10 +95,7 @@ class Dialect:
     def is_mine(self, head: bytes) -> bool:
         """Tell whether a file that begins with these bytes is a Blackbox file of this firmware.
 
-        Returns
-        -------
-        bool
-            By the first header.
+        By the first header.
         """
         if not is_mine(head):
             return False

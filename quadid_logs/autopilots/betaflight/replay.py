@@ -286,11 +286,8 @@ def _at_rows(used: DiscreteFilter, values: FloatArray, n_loops: int) -> FloatArr
 def d_parts(log: FlightLog) -> Mapping[str, float]:
     """Return by axis how far D-max moved D from the lower to the higher one, on the average of the flight.
 
-    Returns
-    -------
-    mapping of str to float
-        From 0 to 1, by least squares of the logged D on that of the lower gain; half-way where the log does
-        not show it.
+    From 0 to 1, by least squares of the logged D on that of the lower gain; half-way where the log does not
+    show it.
     """
     logged = _logged(log, ())
     return {axis: _part(log, axis, logged) for axis in AXES}

@@ -174,10 +174,7 @@ class Advice:
     def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:  # noqa: ARG002
         """Return the amplitude of the sweep that the autopilot can inject, by axis.
 
-        Returns
-        -------
-        mapping of str to float
-            Fraction of the mixer's range; empty where the autopilot injects none.
+        Fraction of the mixer's range; empty where the autopilot injects none.
         """
         return {}
 

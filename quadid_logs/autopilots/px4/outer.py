@@ -66,11 +66,8 @@ _DEFAULT_SLOPE_HZ: Final = 5.0
 def position_rows(topics: Mapping[TopicKey, TopicTable]) -> tuple[PositionRows, ...]:
     """Return what the log holds of the horizontal position controllers.
 
-    Returns
-    -------
-    tuple of PositionRows
-        On the rows of vehicle_local_position_setpoint, with the states interpolated between theirs; what is
-        fed forward is trajectory_setpoint's, held, and NaN where that is too old.
+    On the rows of vehicle_local_position_setpoint, with the states interpolated between theirs; what is fed
+    forward is trajectory_setpoint's, held, and NaN where that is too old.
     """
     setpoint, state = topics.get((_SETPOINT, 0)), topics.get((_STATE, 0))
     if setpoint is None or state is None:
