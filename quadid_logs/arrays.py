@@ -20,14 +20,6 @@ _BLOCK_ROWS: Final = 1 << 16
 def row_blocks(n_rows: int) -> Iterator[slice]:
     """Yield all rows by the block: what is needed on the way to a result is then not as large as the log.
 
-    Parameters
-    ----------
-    n_rows : int
-
-    Yields
-    ------
-    slice
-
     Examples
     --------
     >>> [(rows.start, rows.stop) for rows in row_blocks(100_000)]
@@ -43,10 +35,6 @@ def runs(mask: ArrayLike) -> list[tuple[int, int]]:
     Parameters
     ----------
     mask : array-like of bool, shape (n,)
-
-    Returns
-    -------
-    list of (int, int)
 
     Examples
     --------

@@ -27,13 +27,8 @@ def command(verb: str, *words: object) -> str:
 
     Parameters
     ----------
-    verb : str
     *words : object
         Arguments and options, each as its text; no shell changes any of them.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -48,7 +43,6 @@ def quoted(word: str, *, windows: bool = os.name == "nt") -> str:
 
     Parameters
     ----------
-    word : str
     windows : bool
         For cmd and PowerShell, where no name holds a double quote.
 
@@ -69,10 +63,6 @@ def quoted(word: str, *, windows: bool = os.name == "nt") -> str:
 
 def named(path: str) -> str:
     """Return a file as an argument.
-
-    Parameters
-    ----------
-    path : str
 
     Returns
     -------

@@ -186,7 +186,8 @@ def compare(before: Result, after: Result) -> Comparison:
     found: list[Quantity] = []
     if first is not None and second is not None and len(reasons) < len(AXES):
         parameters = _parameters(first, second, reasons)
-        change = _throttle_change(before, after)
+        means = [result.data.mean_throttle for result in (before, after)]
+        change = means[1] / means[0] - 1.0 if min(means) > 0.0 else 0.0
         powers = throttle_powers(both)
         found = [*(_at_throttle(each, change, powers) for each in parameters), *_actuators(first, second)]
     widening = _widening(len(found))
@@ -200,7 +201,12 @@ def compare(before: Result, after: Result) -> Comparison:
         quantities=quantities,
         axes=axes,
         reasons=reasons,
-        advice=_advice(both, reasons),
+        advice=next_steps(
+            (result.log, finding)
+            for result in both
+            for finding in result.diagnosis.findings
+            if finding.level == "error" and reasons
+        ),
         parameters=tuple(_differing(before.log, after.log)),
     )
 
@@ -265,17 +271,19 @@ def _spoken(unit: str) -> str:
     return "N m" if unit == "N m" else "normalised command"
 
 
-def _structure(result: Result, name: str) -> Model | None:
-    return next((model for model in result.identification.models if model.structure == name), None)
-
-
 def _models(before: Result, after: Result) -> tuple[Model | None, Model | None]:
     """Return the models of one structure: that recommended for the first flight, else for the second."""
     for result in (before, after):
         recommended = result.identification.recommended
         if recommended is None:
             continue
-        first, second = (_structure(one, recommended.structure) for one in (before, after))
+        first, second = (
+            next(
+                (model for model in one.identification.models if model.structure == recommended.structure),
+                None,
+            )
+            for one in (before, after)
+        )
         if first is not None and second is not None:
             return first, second
     return None, None
@@ -316,12 +324,6 @@ def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iter
                 words=term_words(target, regressor),
                 scale_words=term_words(scale.target, scale.regressor),
             )
-
-
-def _throttle_change(before: Result, after: Result) -> float:
-    """Return by what fraction the mean throttle differs, 0 where one of the logs does not tell it."""
-    means = [result.data.mean_throttle for result in (before, after)]
-    return means[1] / means[0] - 1.0 if min(means) > 0.0 else 0.0
 
 
 def throttle_powers(results: Sequence[Result]) -> Mapping[str, float]:
@@ -437,13 +439,3 @@ def _with_margin(quantity: Quantity, widening: float) -> Quantity:
     chance = math.hypot(widening * math.hypot(*halves), quantity.spread)
     # Added, not by squares: the throttle shifts the value one way, as a bias.
     return dataclasses.replace(quantity, margin=chance + quantity.throttle_spread)
-
-
-def _advice(both: tuple[Result, Result], reasons: Mapping[str, str]) -> tuple[str, ...]:
-    """Return what the findings behind the obstacles advise, each once, what is to be set first."""
-    return next_steps(
-        (result.log, finding)
-        for result in both
-        for finding in result.diagnosis.findings
-        if finding.level == "error" and reasons
-    )

@@ -8,15 +8,8 @@ def counted(n: int, what: str, many: str = "") -> str:
 
     Parameters
     ----------
-    n : int
-    what : str
-        One of them.
     many : str
         Several of them; `what` with an s by default.
-
-    Returns
-    -------
-    str
 
     Examples
     --------

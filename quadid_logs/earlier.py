@@ -36,17 +36,21 @@ def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
         not tuned (QL626). An axis that this flight tells too little of gets the vehicles of earlier flights,
         where nothing in this one contradicts them (QL627).
 
-    Returns
-    -------
-    Result
-
     Raises
     ------
     SettingsError
         If a log says that it is of another vehicle.
     """
     for one in earlier:
-        _check_same_vehicle(result, one)
+        # Refuse a log of another autopilot, frame or board.
+        for name in ("autopilot", "frame", "hardware_id"):
+            own, other = getattr(result.log, name), getattr(one.log, name)
+            if own and other and own != other:
+                raise SettingsError(
+                    f"{printable(PurePath(one.log.path).name)} is of another vehicle: its "
+                    f"{name.replace('_id', '')} is not that of {printable(PurePath(result.log.path).name)}.",
+                    hint="Give earlier flights of the same vehicle.",
+                )
     again = copies([each.data for each in (result, *earlier)])
     others = [one for place, one in enumerate(earlier, start=1) if place not in again]
     now = result.closed_loop
@@ -97,15 +101,3 @@ def _joined(
 def _loop(result: Result, axis: str) -> AxisLoop:
     loops = {} if result.closed_loop is None else result.closed_loop.axes
     return loops.get(axis, AxisLoop())
-
-
-def _check_same_vehicle(result: Result, earlier: Result) -> None:
-    """Refuse a log of another autopilot, frame or board."""
-    for name in ("autopilot", "frame", "hardware_id"):
-        own, other = getattr(result.log, name), getattr(earlier.log, name)
-        if own and other and own != other:
-            raise SettingsError(
-                f"{printable(PurePath(earlier.log.path).name)} is of another vehicle: its "
-                f"{name.replace('_id', '')} is not that of {printable(PurePath(result.log.path).name)}.",
-                hint="Give earlier flights of the same vehicle.",
-            )

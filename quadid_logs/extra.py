@@ -23,10 +23,6 @@ def load(name: str, extra: str = "") -> Any:
         The extra of this package that installs it; "" for what every installation should have, which the
         packaging of a system may leave out.
 
-    Returns
-    -------
-    module
-
     Raises
     ------
     SettingsError

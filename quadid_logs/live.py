@@ -18,7 +18,7 @@ import numpy as np
 from quadid_logs.align import Prepared, cut
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.containers.tail import LogTail
-from quadid_logs.data.flight import LEAST_FLIGHT_S, FlightData, Segment
+from quadid_logs.data.flight import LEAST_FLIGHT_S, FlightData
 from quadid_logs.data.log import NO_GYRO_FILTER
 from quadid_logs.data.model import SpectralFit
 from quadid_logs.data.settings import AlignSettings
@@ -340,13 +340,12 @@ def _missing(data: FlightData) -> str:
         if sum(end_s - start_s for start_s, end_s in data.flights) < _STEP_S:
             return "the vehicle has just taken off"
         return "body rates or torque are not logged, or too slowly"
-    if not any(_has_command(segment) for segment in data.segments):
+    if not any(
+        segment.command is not None and np.isfinite(segment.command).all(axis=1).any()
+        for segment in data.segments
+    ):
         return "this flight mode's set-points are no commands: fly in a mode that the sticks command"
     return ""
-
-
-def _has_command(segment: Segment) -> bool:
-    return segment.command is not None and bool(np.isfinite(segment.command).all(axis=1).any())
 
 
 def _oscillation(prepared: Prepared, data: FlightData) -> str:
@@ -392,14 +391,6 @@ def _percent(half_width: float) -> str:
 def axis_words(axis: LiveAxis) -> str:
     """Return what is known of an axis, in a few words.
 
-    Parameters
-    ----------
-    axis : LiveAxis
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> axis_words(LiveAxis(axis="roll", effectiveness=198.2, half_width=0.062, more_s=0.0))
@@ -413,16 +404,7 @@ def axis_words(axis: LiveAxis) -> str:
 
 
 def notes(figures: LiveFigures) -> tuple[str, ...]:
-    """Return what to know besides the axes: saturation, oscillation, calibration.
-
-    Parameters
-    ----------
-    figures : LiveFigures
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Return what to know besides the axes: saturation, oscillation, calibration."""
     saturated = figures.saturated > _SATURATED
     limit = f"The motors were at their limits in {100.0 * figures.saturated:.0f} % of the flight."
     scaled = figures.unit == "N m" and any(axis.half_width < 1.0 for axis in figures.axes)
@@ -433,16 +415,7 @@ def notes(figures: LiveFigures) -> tuple[str, ...]:
 
 
 def figure_line(figures: LiveFigures) -> str:
-    """Return the figures in one line.
-
-    Parameters
-    ----------
-    figures : LiveFigures
-
-    Returns
-    -------
-    str
-    """
+    """Return the figures in one line."""
     known = ", ".join(map(axis_words, figures.axes))
     return " ".join([f"{figures.flown_s:.0f} s flown: {known}.", *notes(figures), figures.hint])
 
@@ -452,13 +425,8 @@ def figure_block(figures: LiveFigures, width: int = 24) -> tuple[str, ...]:
 
     Parameters
     ----------
-    figures : LiveFigures
     width : int
         Of a bar, in characters.
-
-    Returns
-    -------
-    tuple of str
 
     Examples
     --------

@@ -143,12 +143,11 @@ def read_log(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog
     log_format = format_of(head)
     if log_format is not None:
         return _read_with(log_format, path, system, number)
-    raise UnknownFormatError(f"{path} is not a recognised flight log.", hint=explain_foreign(head, _known()))
-
-
-def _known() -> str:
-    """Name the formats and how their files mostly end."""
-    return ", ".join(f"{one.title} ({', '.join(one.suffixes)})" for one in formats())
+    # Name the formats and how their files mostly end.
+    known_formats = ", ".join(f"{one.title} ({', '.join(one.suffixes)})" for one in formats())
+    raise UnknownFormatError(
+        f"{path} is not a recognised flight log.", hint=explain_foreign(head, known_formats)
+    )
 
 
 def _read_head(path: Path) -> bytes:

@@ -116,7 +116,10 @@ def _analyze(
     tell = progress or (lambda _stage: None)
     clock = _Clock()
     tell("read")
-    logs = [_read(path, settings) for path in paths]
+    logs = [
+        path if isinstance(path, FlightLog) else read_log(path, system=settings.system, number=settings.log)
+        for path in paths
+    ]
     clock.lap("read")
     tell("align")
     prepared = [prepare(log, vehicle) for log in logs]
@@ -150,13 +153,6 @@ def _analyze(
         pooled=pooled,
         health=health,
         timings_s=clock.timings_s,
-    )
-
-
-def _read(path: str | Path | FlightLog, settings: Settings) -> FlightLog:
-    """Read a log, unless it is in memory already."""
-    return (
-        path if isinstance(path, FlightLog) else read_log(path, system=settings.system, number=settings.log)
     )
 
 

@@ -229,15 +229,42 @@ def make_plan(
         raise SettingsError(
             f"There is no plan for {autopilot!r}.", hint=f"Choose one of {', '.join(plannable())}."
         )
-    _check(propeller_inch, air, wanted)
+    if not 1.0 <= propeller_inch <= 40.0:
+        raise SettingsError(
+            f"A propeller of {propeller_inch:g} inches is out of range.", hint="Give 1 to 40 inches."
+        )
+    if air and air not in AIRS:
+        raise SettingsError(f"There is no air {air[:40]!r}.", hint=f"Choose one of {', '.join(AIRS)}.")
+    if not 0.01 < wanted <= 0.5:
+        raise SettingsError(
+            f"An interval of {100.0 * wanted:g} % is out of range.",
+            hint="Give more than 1 %, the gyro's own scale, and 50 % at most.",
+        )
     chosen = tuple(axis for axis in AXES if not axes or axis in axes)
     advice = advice_for(autopilot)
-    setup = _typical(autopilot, vehicle, propeller_inch)
+    # How a vehicle of this size flies, where no log tells.
+    scenario = Scenario(
+        name="plan",
+        sentence="A vehicle of this size.",
+        airframe=partial(_airframe, 0 if vehicle is None else len(vehicle.rotors), propeller_inch),
+        gyro_filter_hz=_gyro_filter_hz(propeller_inch),
+    )
+    setup = plan_flights(
+        scenario, seed=0, duration_s=60.0, rate_hz=400.0, vehicle=vehicle, autopilot=autopilot
+    )[0]
     excitations = {}
     if advice.excitation_entry and (advice.excitation_entry == "rate" or advice.sweep_magnitudes(version)):
         excitations = _excitations(advice, chosen, known, setup, air, wanted)
+    # The sweep of an axis, faded in while its first two cycles last.
     sweeps = {
-        axis: _sweep(each) for axis, each in excitations.items() if axis in advice.sweep_magnitudes(version)
+        axis: Sweep(
+            magnitude=each.magnitude,
+            start_hz=each.start_hz,
+            stop_hz=each.stop_hz,
+            record_s=each.record_s,
+        )
+        for axis, each in excitations.items()
+        if axis in advice.sweep_magnitudes(version)
     }
     flown_s = sum(sweep.record_s + _PAUSE_S for sweep in sweeps.values())
     return Plan(
@@ -264,21 +291,6 @@ def _model_words(known: Result | None, axes: Sequence[str], simulated: str) -> s
         return "the log"
     told = "" if len(untold) == len(axes) else "the log, and "
     return f"{told}{simulated}, since the log tells nothing of {' and '.join(untold)}"
-
-
-def _check(propeller_inch: float, air: str, wanted: float) -> None:
-    """Refuse what no plan can be made for."""
-    if not 1.0 <= propeller_inch <= 40.0:
-        raise SettingsError(
-            f"A propeller of {propeller_inch:g} inches is out of range.", hint="Give 1 to 40 inches."
-        )
-    if air and air not in AIRS:
-        raise SettingsError(f"There is no air {air[:40]!r}.", hint=f"Choose one of {', '.join(AIRS)}.")
-    if not 0.01 < wanted <= 0.5:
-        raise SettingsError(
-            f"An interval of {100.0 * wanted:g} % is out of range.",
-            hint="Give more than 1 %, the gyro's own scale, and 50 % at most.",
-        )
 
 
 class _Known(NamedTuple):
@@ -356,33 +368,10 @@ def _air(name: str, axis: str) -> Air:
     return Air(frequency_hz, size**2 * disturbance_density(frequency_hz))
 
 
-def _typical(autopilot: str, vehicle: Vehicle | None, propeller_inch: float) -> Setup:
-    """Return how a vehicle of this size flies, where no log tells."""
-    scenario = Scenario(
-        name="plan",
-        sentence="A vehicle of this size.",
-        airframe=partial(_airframe, 0 if vehicle is None else len(vehicle.rotors), propeller_inch),
-        gyro_filter_hz=_gyro_filter_hz(propeller_inch),
-    )
-    return plan_flights(
-        scenario, seed=0, duration_s=60.0, rate_hz=400.0, vehicle=vehicle, autopilot=autopilot
-    )[0]
-
-
 def _gyro_filter_hz(propeller_inch: float) -> float:
     """Return the cut-off of the gyro's filter that setup pages advise [Hz]."""
     advised_hz = _GYRO_FILTER_HZ * propeller_inch**_GYRO_FILTER_POWER
     return float(max(advised_hz, _LEAST_GYRO_FILTER_HZ))
-
-
-def _sweep(fitting: AxisExcitation) -> Sweep:
-    """Return the sweep of an axis, faded in while its first two cycles last."""
-    return Sweep(
-        magnitude=fitting.magnitude,
-        start_hz=fitting.start_hz,
-        stop_hz=fitting.stop_hz,
-        record_s=fitting.record_s,
-    )
 
 
 def _multisine(excitations: Mapping[str, AxisExcitation]) -> dict[str, object]:

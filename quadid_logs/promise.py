@@ -14,8 +14,7 @@ from quadid_logs.control.command_units import per_command
 from quadid_logs.control.next_flight import EFFECTIVENESS_SPREAD, TIME_SPREAD_S
 from quadid_logs.control.room import Room, leads_back, room_of, whole
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
-from quadid_logs.data.health import RotorBalance
-from quadid_logs.data.model import Model, Parameter
+from quadid_logs.data.model import Model
 from quadid_logs.data.off_nominal import OFF_NOMINAL
 from quadid_logs.data.promise import (
     AxisCheck,
@@ -71,7 +70,6 @@ def promise_of(result: Result, tuning: Tuning, log_sha256: str = "") -> Promise 
 
     Parameters
     ----------
-    result : Result
     tuning : Tuning
         What is recommended from it.
     log_sha256 : str
@@ -86,6 +84,7 @@ def promise_of(result: Result, tuning: Tuning, log_sha256: str = "") -> Promise 
     if all(one.margins is None for one in axes.values()):
         return None
     log, model = result.log, result.identification.recommended
+    rotors = None if result.health is None else result.health.rotors
     return Promise(
         log=printable(PurePath(log.path).name, _LONGEST),
         log_sha256=log_sha256,
@@ -100,13 +99,8 @@ def promise_of(result: Result, tuning: Tuning, log_sha256: str = "") -> Promise 
         axes=axes,
         limits=tuning.limits,
         ranges=tuning.ranges,
-        balance=_balance(result),
+        balance=None if rotors is None else rotors.balance,
     )
-
-
-def _balance(result: Result) -> RotorBalance | None:
-    rotors = None if result.health is None else result.health.rotors
-    return None if rotors is None else rotors.balance
 
 
 def _axis_promise(result: Result, axis: str, found: AxisTuning) -> AxisPromise:
@@ -139,7 +133,9 @@ def _quantities(result: Result, model: Model) -> Iterator[VehicleQuantity]:
             continue
         for command, regressor, scale in zip(AXES, TORQUE_SYMBOLS, n_m, strict=True):
             one = model.entries.get((target, regressor))
-            if one is None or not _known(one):
+            if one is None or not (
+                one.identifiable and all(math.isfinite(value) for value in (one.value, *one.ci95))
+            ):
                 continue
             if (target, regressor) == ON_AXIS[axis]:
                 yield VehicleQuantity(QuantityKind.EFFECTIVENESS, axis, command, one.value, one.ci95)
@@ -157,10 +153,6 @@ def _quantities(result: Result, model: Model) -> Iterator[VehicleQuantity]:
             yield VehicleQuantity(kind, "", "", value, ci95)
 
 
-def _known(one: Parameter) -> bool:
-    return one.identifiable and all(math.isfinite(value) for value in (one.value, *one.ci95))
-
-
 def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
     """Hold a promise against the next flight.
 
@@ -170,15 +162,10 @@ def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
 
     Parameters
     ----------
-    promise : Promise
     after : Result
         Of the next flight.
     log_sha256 : str
         Of its log, "" where unknown.
-
-    Returns
-    -------
-    Check
     """
     obstacle = _obstacle(promise, after, log_sha256)
     n_cells = (promise.n_cells, _n_cells(after))
@@ -217,14 +204,7 @@ def _weak_rotor(promise: Promise, after: Result) -> WeakRotor | None:
 def checked(before: Result, after: Result) -> Mapping[str, AxisCheck]:
     """Hold what a flight promised of its successor against that.
 
-    Parameters
-    ----------
-    before, after : Result
-
-    Returns
-    -------
-    mapping of str to AxisCheck
-        By axis that flew with the recommended gains, where these are others than before.
+    By axis that flew with the recommended gains, where these are others than before.
     """
     flown = [flown_parameters(one.log, one.data) for one in (before, after)]
     tunable = named(before.log.autopilot).tunable(flown[0])

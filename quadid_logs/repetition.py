@@ -12,7 +12,6 @@ from typing import Any, Literal
 import numpy as np
 
 from quadid_logs.align.pool import copies
-from quadid_logs.arrays import FloatArray
 from quadid_logs.comparison import throttle_powers
 from quadid_logs.control.next_flight import DAMPING_SPREAD, TIME_SPREAD_S
 from quadid_logs.data.log import FlightLog
@@ -178,10 +177,6 @@ def repeat(results: Sequence[Result]) -> Repeatability:
     results : sequence of Result
         Two or more. A flight that is given twice counts once.
 
-    Returns
-    -------
-    Repeatability
-
     Raises
     ------
     SettingsError
@@ -204,8 +199,24 @@ def repeat(results: Sequence[Result]) -> Repeatability:
     >>> quadid_logs.repeat([r, r]).verdict
     'not comparable'
     """
-    _check(results)
-    structure = _common_structure(results)
+    # Refuse what cannot be held against each other.
+    if len(results) < 2:
+        raise SettingsError("One flight repeats nothing.", hint="Name two logs or more of one vehicle.")
+    kinds = {(result.data.input.unit, result.log.autopilot) for result in results if result.data.input}
+    units = {unit for unit, _autopilot in kinds}
+    if len(units) > 1:
+        raise SettingsError(
+            "The torque of the logs is not the same quantity: N m in one, a normalised command in the other.",
+            hint="Describe the vehicle with --vehicle, or compare logs of one kind.",
+        )
+    if units == {"1"} and len(kinds) > 1:
+        raise SettingsError(
+            "Each autopilot has its own unit of command.", hint="Describe the vehicle with --vehicle."
+        )
+    # The structure that is recommended most often, the first one where several are.
+    recommended = [result.identification.recommended for result in results]
+    names = Counter(model.structure for model in recommended if model is not None)
+    structure = names.most_common(1)[0][0] if names else ""
     same = copies([result.data for result in results])
     # By axis why a flight does not tell its effectiveness.
     reasons = tuple(
@@ -223,32 +234,13 @@ def repeat(results: Sequence[Result]) -> Repeatability:
         axes={axis: _agreement(quantities, axis) for axis in AXES},
         reasons=reasons,
         strangers=strangers([result.log for result in results]),
-        advice=_advice(results, reasons),
+        advice=next_steps(
+            (result.log, finding)
+            for result, why in zip(results, reasons, strict=True)
+            for finding in result.diagnosis.findings
+            if finding.level == "error" and why
+        ),
     )
-
-
-def _check(results: Sequence[Result]) -> None:
-    """Refuse what cannot be held against each other."""
-    if len(results) < 2:
-        raise SettingsError("One flight repeats nothing.", hint="Name two logs or more of one vehicle.")
-    kinds = {(result.data.input.unit, result.log.autopilot) for result in results if result.data.input}
-    units = {unit for unit, _autopilot in kinds}
-    if len(units) > 1:
-        raise SettingsError(
-            "The torque of the logs is not the same quantity: N m in one, a normalised command in the other.",
-            hint="Describe the vehicle with --vehicle, or compare logs of one kind.",
-        )
-    if units == {"1"} and len(kinds) > 1:
-        raise SettingsError(
-            "Each autopilot has its own unit of command.", hint="Describe the vehicle with --vehicle."
-        )
-
-
-def _common_structure(results: Sequence[Result]) -> str:
-    """Return the structure that is recommended most often, the first one where several are."""
-    recommended = [result.identification.recommended for result in results]
-    names = Counter(model.structure for model in recommended if model is not None)
-    return names.most_common(1)[0][0] if names else ""
 
 
 def _model(result: Result, structure: str) -> Model | None:
@@ -284,21 +276,18 @@ def _quantities(
     ratio = np.where(told, means / np.median(means[told]), 1.0) if told.any() else np.ones(means.size)
     for axis, power in throttle_powers(results).items():
         trusted = [None if axis in why else model for why, model in zip(reasons, models, strict=True)]
-        yield _effectiveness(axis, trusted, np.maximum(ratio, 1.0 / ratio) ** power - 1.0)
+        # What the throttle alone may make of each effectiveness, of 1.
+        by_throttle = np.maximum(ratio, 1.0 / ratio) ** power - 1.0
+        on_axis = _told(trusted, ON_AXIS[axis])
+        estimates = [
+            _estimate(flight, each.value, each.ci95, alike=abs(each.value) * float(by_throttle[flight]))
+            for flight, each in on_axis.items()
+        ]
+        yield _quantity("effectiveness", axis, *_words(on_axis), estimates)
         yield _damping(axis, trusted)
     # Where no axis of a flight is to be trusted, its actuator is not either.
     trusted = [None if len(why) == len(AXES) else model for why, model in zip(reasons, models, strict=True)]
     yield from _actuators(trusted)
-
-
-def _effectiveness(axis: str, models: Sequence[Model | None], by_throttle: FloatArray) -> RepeatedQuantity:
-    """Return the on-axis effectiveness; ``by_throttle`` is what the throttle alone may make of each, of 1."""
-    told = _told(models, ON_AXIS[axis])
-    estimates = [
-        _estimate(flight, each.value, each.ci95, alike=abs(each.value) * float(by_throttle[flight]))
-        for flight, each in told.items()
-    ]
-    return _quantity("effectiveness", axis, *_words(told), estimates)
 
 
 def _damping(axis: str, models: Sequence[Model | None]) -> RepeatedQuantity:
@@ -457,15 +446,8 @@ def _agreement(quantities: Sequence[RepeatedQuantity], axis: str) -> Agreement:
 def strangers(logs: Sequence[FlightLog]) -> dict[int, str]:
     """Tell which logs say that they are of another vehicle than most.
 
-    Parameters
-    ----------
-    logs : sequence of FlightLog
-
-    Returns
-    -------
-    dict of int to str
-        By place what says so. What a log does not tell makes no other vehicle of it; a name or a frame that
-        is shown as it stands in the log: untrusted text.
+    By place what says so. What a log does not tell makes no other vehicle of it; a name or a frame that is
+    shown as it stands in the log: untrusted text.
     """
     found: dict[int, list[str]] = {}
     for words, tell in _IDENTITY:
@@ -492,13 +474,3 @@ _IDENTITY: tuple[tuple[str, Callable[[FlightLog], str]], ...] = (
     ("type", _vehicle_type),
     ("frame", lambda log: log.frame),
 )
-
-
-def _advice(results: Sequence[Result], reasons: Sequence[Mapping[str, str]]) -> tuple[str, ...]:
-    """Return what the errors of flights that do not tell every axis advise, each once."""
-    return next_steps(
-        (result.log, finding)
-        for result, why in zip(results, reasons, strict=True)
-        for finding in result.diagnosis.findings
-        if finding.level == "error" and why
-    )

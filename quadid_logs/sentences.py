@@ -8,14 +8,6 @@ from collections.abc import Sequence
 def continued(text: str) -> str:
     """Return a sentence or a title as it stands within another: its first letter small, unless of a name.
 
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> continued("Yaw was not moved"), continued("A gap is long"), continued("P and I change")
@@ -27,14 +19,6 @@ def continued(text: str) -> str:
 
 def listed(words: Sequence[str]) -> str:
     """Return words as a list in a sentence, "" for none.
-
-    Parameters
-    ----------
-    words : sequence of str
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -50,13 +34,8 @@ def some(words: Sequence[str], n_all: int) -> str:
 
     Parameters
     ----------
-    words : sequence of str
     n_all : int
         Named ones and others.
-
-    Returns
-    -------
-    str
 
     Examples
     --------

@@ -148,15 +148,10 @@ def swing(
     ----------
     log : FlightLog
         With the gyro's rates while it swings.
-    hung : Bifilar
     axis : str
         "roll", "pitch" or "yaw": the body axis that is vertical; "" takes the one that turns most.
     start_s, end_s : float
         The part of the log to look at, on its clock [s].
-
-    Returns
-    -------
-    Swing
 
     Raises
     ------
@@ -190,7 +185,17 @@ def swing(
     """
     if axis and axis not in AXES:
         raise SettingsError(f"There is no axis {axis!r}.", hint=f"Give one of {', '.join(AXES)}.")
-    series = _rates(log)
+    # The body rates that were logged fastest.
+    cleaned = clean(log)
+    found = [
+        each
+        for name in ("body_rate_raw", "body_rate")
+        for each in cleaned.candidates.get(name, ())
+        if each.n_samples > 2 and math.isfinite(each.period_s)
+    ]
+    if not found:
+        raise LogError("This log has no body rates on a clock.", hint="Log the gyro while disarmed.")
+    series = min(found, key=lambda each: each.period_s)
     series = series.take(series.within(start_s, end_s))
     if series.n_samples < 2:
         raise LogError(
@@ -200,7 +205,14 @@ def swing(
     # The axis that turns most.
     number = AXES.index(axis) if axis else int(np.argmax(np.var(series.values, axis=0)))
     time_s, rate = _uniform(series, number)
-    frequency_hz = _strongest_hz(time_s, rate)
+    # The frequency of the strongest line where strings swing a vehicle.
+    n = time_s.size
+    power = np.abs(np.fft.rfft((rate - rate.mean()) * np.hanning(n), 4 * n)) ** 2
+    line_hz = np.fft.rfftfreq(4 * n, time_s[1] - time_s[0])
+    near = (line_hz > _SLOWEST_HZ) & (line_hz < _FASTEST_HZ)
+    if not near.any() or not power[near].any():
+        raise LogError("Nothing turns in this log.", hint="Log the gyro while disarmed.")
+    frequency_hz = float(line_hz[near][np.argmax(power[near])])
     candidates = (
         _fitted(time_s, rate, frequency_hz, span, hung) for span in _spans(time_s, rate, frequency_hz)
     )
@@ -230,20 +242,6 @@ def swing(
     )
 
 
-def _rates(log: FlightLog) -> CleanSeries:
-    """Return the body rates that were logged fastest."""
-    cleaned = clean(log)
-    found = [
-        each
-        for name in ("body_rate_raw", "body_rate")
-        for each in cleaned.candidates.get(name, ())
-        if each.n_samples > 2 and math.isfinite(each.period_s)
-    ]
-    if not found:
-        raise LogError("This log has no body rates on a clock.", hint="Log the gyro while disarmed.")
-    return min(found, key=lambda each: each.period_s)
-
-
 def _uniform(series: CleanSeries, axis: int) -> tuple[FloatArray, FloatArray]:
     """Return times and one rate on a uniform grid of at most 200 Hz; gaps are bridged by lines."""
     period_s = max(series.period_s, 1.0 / _MOST_RATE_HZ)
@@ -261,17 +259,6 @@ def _uniform(series: CleanSeries, axis: int) -> tuple[FloatArray, FloatArray]:
         )
         return time_s, np.asarray((ends[1] - ends[0]) / np.maximum(width[0], 1e-9))
     return time_s, np.interp(time_s, series.time_s, values)
-
-
-def _strongest_hz(time_s: FloatArray, rate: FloatArray) -> float:
-    """Return the frequency of the strongest line where strings swing a vehicle."""
-    n = time_s.size
-    power = np.abs(np.fft.rfft((rate - rate.mean()) * np.hanning(n), 4 * n)) ** 2
-    frequency_hz = np.fft.rfftfreq(4 * n, time_s[1] - time_s[0])
-    near = (frequency_hz > _SLOWEST_HZ) & (frequency_hz < _FASTEST_HZ)
-    if not near.any() or not power[near].any():
-        raise LogError("Nothing turns in this log.", hint="Log the gyro while disarmed.")
-    return float(frequency_hz[near][np.argmax(power[near])])
 
 
 def _spans(time_s: FloatArray, rate: FloatArray, frequency_hz: float) -> Iterator[tuple[int, int]]:

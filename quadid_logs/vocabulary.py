@@ -203,10 +203,6 @@ _AXIS_OF: Final = {
 def regressor_words(symbol: str) -> str:
     """Return what a column of the model is called.
 
-    Parameters
-    ----------
-    symbol : str
-
     Returns
     -------
     str
@@ -233,10 +229,6 @@ def term_words(target: str, regressor: str) -> str:
     target, regressor : str
         Its row and its column, as "p_dot" and "N".
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> term_words("p_dot", "L"), term_words("p_dot", "p"), term_words("p_dot", "N")
@@ -259,10 +251,6 @@ def explained_words(r2: float) -> str:
     ----------
     r2 : float
         Coefficient of determination; below zero the mean does better than the model.
-
-    Returns
-    -------
-    str
     """
     if not r2 > 0.0:
         return "nothing"

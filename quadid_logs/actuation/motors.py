@@ -108,10 +108,6 @@ class MotorSeries:
             Of any type; they are worked with in double precision.
         reason : str
             Instead of that of the motors.
-
-        Returns
-        -------
-        CleanSeries
         """
         return replace(
             self.base,
@@ -127,7 +123,6 @@ class MotorSeries:
 
         Parameters
         ----------
-        airframe : Airframe
         expo : AssumedExpo, optional
             That of the thrust.
 

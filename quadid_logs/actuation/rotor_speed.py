@@ -145,7 +145,12 @@ def _of_speed(
     thrust *= float(expected.mean() / thrust[flown].mean())
     per_thrust = airframe.command_per_thrust
     # By how much the reference's thrust was raised against battery and air.
-    gain = _slope(reference.command[reference.flown], reference.thrust[reference.flown] @ per_thrust.T)
+    # How much larger `other` is than `one`, by least squares; 1 where `one` is zero.
+    one = reference.command[reference.flown]
+    other = reference.thrust[reference.flown] @ per_thrust.T
+    known = np.isfinite(one) & np.isfinite(other)
+    size = float(one[known] @ one[known])
+    gain = float(one[known] @ other[known]) / size if size > 0.0 else 1.0
     # A unit of command is a change of thrust, which need not be in proportion to thrust.
     moved = reference.thrust[reference.flown].mean(axis=1), reference.command[reference.flown]
     where = mean_while_moved(*moved, reference.base.period_s)
@@ -230,10 +235,3 @@ def _correlation(one: FloatArray, other: FloatArray) -> float:
     # Sums, not products of vectors: BLAS would start threads for each of many short ones.
     size = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
     return float(np.sum(a * b)) / size if size > 0.0 else 0.0
-
-
-def _slope(one: FloatArray, other: FloatArray) -> float:
-    """Return how much larger `other` is than `one`, by least squares; 1 where `one` is zero."""
-    known = np.isfinite(one) & np.isfinite(other)
-    size = float(one[known] @ one[known])
-    return float(one[known] @ other[known]) / size if size > 0.0 else 1.0

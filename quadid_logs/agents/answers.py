@@ -44,14 +44,6 @@ class Folders:
     def path_of(self, asked: str) -> Path:
         """Return a path, links resolved, that lies in one of the folders; relative to the first of them.
 
-        Parameters
-        ----------
-        asked : str
-
-        Returns
-        -------
-        Path
-
         Raises
         ------
         SettingsError
@@ -71,16 +63,7 @@ class Folders:
 
 
 def told(answer: Callable[[], Answer]) -> Answer:
-    """Return an answer; a failure of ours becomes one that says what to do.
-
-    Parameters
-    ----------
-    answer : callable
-
-    Returns
-    -------
-    dict
-    """
+    """Return an answer; a failure of ours becomes one that says what to do."""
     try:
         return answer()
     except QuadidError as error:

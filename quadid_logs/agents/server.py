@@ -27,10 +27,6 @@ def make_server(folders: Folders) -> Any:
     folders : Folders
         That may be read.
 
-    Returns
-    -------
-    mcp.server.MCPServer
-
     Raises
     ------
     SettingsError

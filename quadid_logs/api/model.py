@@ -118,10 +118,6 @@ class IdentifiedModel(Model):
         other : Result or FlightData
             As `analyze` returns it, or its ``data``.
 
-        Returns
-        -------
-        FlightPrediction
-
         Raises
         ------
         SettingsError
@@ -201,7 +197,6 @@ class IdentifiedModel(Model):
         Parameters
         ----------
         axis : {"roll", "pitch", "yaw"}
-        n_draws : int
         seed : int
             Another seed, other vehicles.
 

@@ -224,12 +224,7 @@ _registered: list[Autopilot] = []
 
 
 def register(autopilot: Autopilot) -> None:
-    """Add an autopilot to those of this package; its formats are asked first.
-
-    Parameters
-    ----------
-    autopilot : Autopilot
-    """
+    """Add an autopilot to those of this package; its formats are asked first."""
     _registered.insert(0, autopilot)
 
 
@@ -296,10 +291,7 @@ def named(name: str) -> Autopilot:
 def formats() -> tuple[LogFormat, ...]:
     """Return every log format, in the order in which they are to be asked.
 
-    Returns
-    -------
-    tuple of LogFormat
-        Those that are told by their first bytes before those that could be any text.
+    Those that are told by their first bytes before those that could be any text.
     """
     found = [one for autopilot in known() for one in autopilot.formats()]
     return tuple(sorted(found, key=lambda one: not one.strict))

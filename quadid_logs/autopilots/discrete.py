@@ -29,11 +29,6 @@ def first_order(cutoff_hz: float, period_s: float) -> DiscreteFilter:
     ----------
     cutoff_hz : float
         What is not positive switches the filter off.
-    period_s : float
-
-    Returns
-    -------
-    DiscreteFilter
 
     Notes
     -----
@@ -62,11 +57,6 @@ def butterworth(cutoff_hz: float, period_s: float) -> DiscreteFilter:
     ----------
     cutoff_hz : float
         At most 0.4 of the sample rate is used.
-    period_s : float
-
-    Returns
-    -------
-    DiscreteFilter
 
     Notes
     -----
@@ -81,15 +71,6 @@ def butterworth(cutoff_hz: float, period_s: float) -> DiscreteFilter:
 
 def notch(wanted: Notch, period_s: float) -> DiscreteFilter:
     """Return a notch of second order.
-
-    Parameters
-    ----------
-    wanted : Notch
-    period_s : float
-
-    Returns
-    -------
-    DiscreteFilter
 
     Notes
     -----
@@ -111,13 +92,8 @@ def gyro_filters(known: GyroFilter, period_s: float) -> tuple[Filter, ...]:
 
     Parameters
     ----------
-    known : GyroFilter
     period_s : float
         Of the gyro [s]; a notch above half of its rate is none.
-
-    Returns
-    -------
-    tuple of DiscreteFilter or MeanFilter
     """
     tracked = [moving(instants, period_s) for instants in known.tracked]
     low_pass = [butterworth(known.low_pass_hz, period_s)] if known.low_pass_hz > 0.0 else []
@@ -140,15 +116,10 @@ def notches_named(name: str, places: Places, period_s: float) -> NamedFilter:
 
     Parameters
     ----------
-    name : str
     places : Places
         One instant for notches that did not move.
     period_s : float
         Of the gyro [s].
-
-    Returns
-    -------
-    NamedFilter
     """
     lowest_hz = np.array([min((one.frequency_hz for one in each), default=math.nan) for each in places])
     known = lowest_hz[np.isfinite(lowest_hz)]

@@ -25,10 +25,6 @@ def gyro_filter(low_pass_hz: float, notches: Iterable[Notch], tracked: Iterable[
         Of any numbers: parameters hold NaN, infinities and negative widths.
     tracked : iterable of Places
         Groups of notches that moved, of any numbers too.
-
-    Returns
-    -------
-    GyroFilter
     """
     groups = (tuple(_felt(each) for each in instants) for instants in tracked)
     return GyroFilter(

@@ -32,14 +32,7 @@ class SortedLines(NamedTuple):
 def sorted_lines(lines: Sequence[Line]) -> SortedLines:
     """Sort the lines of all axes.
 
-    Parameters
-    ----------
-    lines : sequence of Line
-
-    Returns
-    -------
-    SortedLines
-        Without oscillations of the loop, which no notch cures.
+    Without oscillations of the loop, which no notch cures.
     """
     kept = sorted((one for one in lines if one.source is not LineSource.LOOP), key=lambda one: -one.rms)
     rotor = {one.harmonic for one in kept if one.source is LineSource.ROTOR}

@@ -56,14 +56,8 @@ def in_step(log: FlightLog, name: str, with_: Signal) -> Signal | None:
 
     Parameters
     ----------
-    log : FlightLog
     name : str
         A key of `vocabulary.SIGNALS`.
-    with_ : Signal
-
-    Returns
-    -------
-    Signal or None
     """
     return next((one for one in log.candidates(name) if one.rows is with_.rows), None)
 

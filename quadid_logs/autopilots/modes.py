@@ -37,10 +37,6 @@ def mode_changes(
         When [s] and where in the file they were logged.
     name_of : callable
         Returns the name of a number, None where it has none.
-
-    Returns
-    -------
-    tuple of ModeChange
     """
     changes = np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1]))
     return tuple(
@@ -58,8 +54,6 @@ def in_modes(modes: Sequence[ModeChange], names: Collection[str], time_s: FloatA
 
     Parameters
     ----------
-    modes : sequence of ModeChange
-    names : collection of str
     time_s : ndarray, shape (n,)
 
     Returns

@@ -78,11 +78,6 @@ Build = Callable[[P, "Source[P]"], "FloatArray | Built | None"]
 def plain(part: P, source: Source[P]) -> FloatArray | None:
     """Put the fields side by side, times the scale.
 
-    Parameters
-    ----------
-    part : Part
-    source : Source
-
     Returns
     -------
     ndarray, shape (n_rows, n_columns), or None
@@ -137,16 +132,7 @@ class Source(Generic[P]):
 
 
 def messages_of(sources: Iterable[Source[Any]]) -> frozenset[str]:
-    """Return every message that a table needs.
-
-    Parameters
-    ----------
-    sources : iterable of Source
-
-    Returns
-    -------
-    frozenset of str
-    """
+    """Return every message that a table needs."""
     return frozenset(name for source in sources for name in (source.message, *source.beside))
 
 
@@ -162,8 +148,6 @@ def build_signals(
 
     Parameters
     ----------
-    sources : iterable of Source
-        The autopilot's table.
     parts_of : callable
         Returns what the log holds of a source: one part a sensor, none where it has no such message.
     separator : str
@@ -206,12 +190,8 @@ def stacked(
 
     Parameters
     ----------
-    table : Table
     fields : collection of str
         Each one number or an array of them per row.
-    scale : float
-    dtype : dtype-like
-        Of the result.
 
     Returns
     -------

@@ -52,15 +52,8 @@ def by_short_names(
 
     Parameters
     ----------
-    parameters : mapping of str to float
-    prefix : str
-    needed : sequence of str
     optional : mapping of str to float
         With the values of those that are missing, or no number in a damaged log.
-
-    Returns
-    -------
-    dict of str to float
 
     Raises
     ------

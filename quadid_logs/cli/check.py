@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.options import Band, EndS, LogNumber, Quiet, StartS, System, VehicleFile, settings_of
+from quadid_logs.cli.outcome import say_outcome
 from quadid_logs.cli.progress import Progress
 
 #: Contract with scripts: see `check`.
@@ -57,13 +57,6 @@ def check(
         progress("check")
         found = check_promise(promised, after, provenance_of(log).log_sha256)
     code = _EXIT_CODES[found.outcome.value]
-    if as_json:
-        say(check_text(promised, after, found).rstrip("\n"))
-        return code
-    lines = check_lines(promised, after, found)
-    if not quiet:
-        for line in lines:
-            say(line)
-    elif code:
-        report_problem(lines[0])
+    text, lines = check_text(promised, after, found), check_lines(promised, after, found)
+    say_outcome(text, lines, code=code, as_json=as_json, quiet=quiet)
     return code

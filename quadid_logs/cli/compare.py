@@ -8,20 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.options import Band, EndS, OpenPage, Quiet, StartS, System, settings_of
+from quadid_logs.cli.outcome import say_outcome, write_outcome
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
-from quadid_logs.output import check_folder_free, new_folder, write_together
-from quadid_logs.untrusted import printable
+from quadid_logs.output import check_folder_free
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from quadid_logs.comparison import Comparison
     from quadid_logs.data.result import Result
-    from quadid_logs.figures import Figure, LeftOut
 
 _JSON, _PAGE = "compare.json", "compare.html"
 _PNG, _LOOP_PNG = "compare.png", "compare-loop.png"
@@ -85,44 +81,20 @@ def compare(
     written = "" if output is None else _write(output, (first, second), comparison, text)
     code = EXIT_CODES[comparison.verdict]
     lines = comparison_lines(first, second, comparison)
-    if as_json:
-        say(text.rstrip("\n"))
-    elif not quiet:
-        for line in (*lines, *([f"  written: {written}"] if written else ())):
-            say(line)
-    elif code:
-        report_problem(lines[0])
+    say_outcome(text, lines, written, code=code, as_json=as_json, quiet=quiet)
     if output is not None and open_report:
         open_page(output / _PAGE)
     return code
 
 
-def _figures(both: tuple[Result, Result], comparison: Comparison) -> Mapping[str, Figure | LeftOut]:
-    """Return the figures by the names of their files."""
-    from quadid_logs.figures.comparison_chart import comparison_figure
-    from quadid_logs.figures.loop_comparison import loop_comparison_figure
-
-    return {_PNG: comparison_figure(comparison), _LOOP_PNG: loop_comparison_figure(*both)}
-
-
 def _write(folder: Path, both: tuple[Result, Result], comparison: Comparison, text: str) -> str:
     """Write page and JSON and, where something was compared, the figures; return what was written."""
-    import io
-
     from quadid_logs.figures import Figure
-    from quadid_logs.figures.png import write_png
+    from quadid_logs.figures.comparison_chart import comparison_figure
+    from quadid_logs.figures.loop_comparison import loop_comparison_figure
     from quadid_logs.report.comparison_page import comparison_page
 
-    figures = {name: each for name, each in _figures(both, comparison).items() if isinstance(each, Figure)}
+    drawn = {_PNG: comparison_figure(comparison), _LOOP_PNG: loop_comparison_figure(*both)}
+    figures = {name: each for name, each in drawn.items() if isinstance(each, Figure)}
     page = comparison_page(*both, comparison, list(figures.values()))
-    files = {_PAGE: page.encode(), _JSON: text.encode("ascii")}
-    for name, figure in figures.items():
-        drawn = io.BytesIO()
-        write_png(figure, drawn)
-        files[name] = drawn.getvalue()
-    with new_folder(folder):
-        write_together(folder, files)
-    for name in set(_FILES) - files.keys():
-        # That of an earlier run would contradict the JSON beside it.
-        (folder / name).unlink(missing_ok=True)
-    return ", ".join(printable(folder / name) for name in files)
+    return write_outcome(folder, {_PAGE: page.encode(), _JSON: text.encode("ascii")}, figures, _FILES)

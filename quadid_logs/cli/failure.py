@@ -32,7 +32,11 @@ def exit_code_of(action: Callable[[], int]) -> int:
     except BrokenPipeError:
         raise ReaderGoneError from None
     except OSError as error:
-        _report(f"error: {_told(error)}")
+        # What the system refused: a full disk, a lost network drive, an output that nobody takes.
+        what = error.strerror or str(error) or type(error).__name__
+        where = f" ({error.filename})" if error.filename is not None else ""
+        told = f"{what}{where}. Check the disk, the temporary folder, and where the output goes."
+        _report(f"error: {told}")
     except Exception as error:  # noqa: BLE001 - the one place that must let nothing through
         usage = getattr(error, "format_message", None)
         if usage is not None:
@@ -45,13 +49,6 @@ def exit_code_of(action: Callable[[], int]) -> int:
                 "report it with the log. QUADID_DEBUG=1 shows the details."
             )
     return 2
-
-
-def _told(error: OSError) -> str:
-    """Say what the system refused: a full disk, a lost network drive, an output that nobody takes."""
-    what = error.strerror or str(error) or type(error).__name__
-    where = f" ({error.filename})" if error.filename is not None else ""
-    return f"{what}{where}. Check the disk, the temporary folder, and where the output goes."
 
 
 def _report(text: str) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -68,29 +67,24 @@ def fetch(
         if not chosen:
             report_problem(f"no log is of {since} or later.")
             return 0
-        fetched = _fetch_each(logs, chosen, output, force=force)
+        # A log that fails costs itself, but a link that fails twice in a row is gone.
+        fetched: list[Path] = []
+        broken = False
+        for each_log in chosen:
+            try:
+                fetched.append(_fetch(logs, each_log, output, force=force))
+                broken = False
+            except QuadidError as error:
+                if len(chosen) == 1 or (broken and isinstance(error, LinkError)):
+                    raise
+                broken = isinstance(error, LinkError)
+                report_problem(f"{printable(each_log.name)} is not fetched. {error}")
     failed = 0 if len(fetched) == len(chosen) else 2
     if not analyze or not fetched:
         return failed
     from quadid_logs.cli.analyze import analyze as run
 
     return max(run(context, fetched, force=force), failed)
-
-
-def _fetch_each(logs: Logs, chosen: Sequence[RemoteLog], folder: Path, *, force: bool) -> list[Path]:
-    """Fetch logs; one that fails costs itself, but a link that fails twice in a row is gone."""
-    fetched: list[Path] = []
-    broken = False
-    for log in chosen:
-        try:
-            fetched.append(_fetch(logs, log, folder, force=force))
-            broken = False
-        except QuadidError as error:
-            if len(chosen) == 1 or (broken and isinstance(error, LinkError)):
-                raise
-            broken = isinstance(error, LinkError)
-            report_problem(f"{printable(log.name)} is not fetched. {error}")
-    return fetched
 
 
 def _day(text: str) -> datetime | None:

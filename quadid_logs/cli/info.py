@@ -40,7 +40,13 @@ def info(
         try:
             prepared = load(log, settings, given)
         except SeveralLogsError as several:
-            return _say_logs(several, as_json=as_json)
+            # One of the file's logs must be chosen to say more.
+            if as_json:
+                say(json.dumps({"logs": several.logs}))
+                return 0
+            for text in (str(several), *several.logs):
+                say(text)
+            return 0
         progress("aligning")
         check_part([prepared], settings.align)
         content, data = prepared.log, cut(prepared, settings.align)
@@ -50,14 +56,4 @@ def info(
     for line in inventory_lines(content, data):
         for part in wrapped(line.text, line.hang):
             say(part)
-    return 0
-
-
-def _say_logs(several: SeveralLogsError, *, as_json: bool) -> int:
-    """List the logs of a file, of which one must be chosen to say more."""
-    if as_json:
-        say(json.dumps({"logs": several.logs}))
-        return 0
-    for line in (str(several), *several.logs):
-        say(line)
     return 0

@@ -102,7 +102,12 @@ def _record(recorder: Recorder, teller: _Teller, target: float) -> None:
     receiver = threading.Thread(target=receive)
     receiver.start()
     try:
-        _watch(recorder.state, receiver, teller, target)
+        # Show once a second what the flight tells so far.
+        view = _View(target)
+        with teller:
+            while receiver.is_alive():
+                receiver.join(_EVERY_S)
+                teller.show(recorder.state, view.figures(recorder.state, teller))
     except KeyboardInterrupt:
         teller.event("Interrupted: the recording ends here.")
     finally:
@@ -110,15 +115,6 @@ def _record(recorder: Recorder, teller: _Teller, target: float) -> None:
         receiver.join()
     if failures:
         raise failures[0]
-
-
-def _watch(state: RecordState, receiver: threading.Thread, teller: _Teller, target: float) -> None:
-    """Show once a second what the flight tells so far."""
-    view = _View(target)
-    with teller:
-        while receiver.is_alive():
-            receiver.join(_EVERY_S)
-            teller.show(state, view.figures(state, teller))
 
 
 class _View:

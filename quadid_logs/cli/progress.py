@@ -89,30 +89,32 @@ class Progress:
             if self._quiet or not self._stage:
                 return
             if is_terminal(sys.stderr):
-                self._draw()
+                if self._bar is None:
+                    self._bar = _new_bar()
+                    self._bar.add_task(self._label, total=1.0, stage=self._stage, ends_s=None)
+                    self._bar.start()
+                known = _DONE_BEFORE.get(self._stage)
+                done = (
+                    0.0
+                    if known is None
+                    else self._part.before + known * (self._part.after - self._part.before)
+                )
+                # A stage that is in no list, as of a simulation, tells nothing about the end.
+                now = time.monotonic()
+                began = self._started if self._part.started_s is None else self._part.started_s
+                ends_s = now + (now - began) * (1.0 - done) / done if done > 0.0 else None
+                task = self._bar.task_ids[0]
+                self._bar.update(
+                    task,
+                    completed=done,
+                    total=None if known is None else 1.0,
+                    stage=self._stage,
+                    ends_s=ends_s,
+                )
             else:
-                sys.stderr.write(f"{self._label}: {self._stage} ({self._spent_s():.0f} s)\n")
+                spent_s = time.monotonic() - self._started
+                sys.stderr.write(f"{self._label}: {self._stage} ({spent_s:.0f} s)\n")
                 sys.stderr.flush()
-
-    def _spent_s(self) -> float:
-        return time.monotonic() - self._started
-
-    def _draw(self) -> None:
-        """Draw the bar, or move it on."""
-        if self._bar is None:
-            self._bar = _new_bar()
-            self._bar.add_task(self._label, total=1.0, stage=self._stage, ends_s=None)
-            self._bar.start()
-        known = _DONE_BEFORE.get(self._stage)
-        done = 0.0 if known is None else self._part.before + known * (self._part.after - self._part.before)
-        # A stage that is in no list, as of a simulation, tells nothing about the end.
-        now = time.monotonic()
-        began = self._started if self._part.started_s is None else self._part.started_s
-        ends_s = now + (now - began) * (1.0 - done) / done if done > 0.0 else None
-        task = self._bar.task_ids[0]
-        self._bar.update(
-            task, completed=done, total=None if known is None else 1.0, stage=self._stage, ends_s=ends_s
-        )
 
 
 def _new_bar() -> Bar:

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log, expanded
 from quadid_logs.cli.options import Band, EndS, OpenPage, Quiet, StartS, System, settings_of
+from quadid_logs.cli.outcome import say_outcome, write_outcome
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress, parts
 from quadid_logs.errors import SettingsError
-from quadid_logs.output import check_folder_free, new_folder, write_together
-from quadid_logs.untrusted import printable
+from quadid_logs.output import check_folder_free
 
 if TYPE_CHECKING:
     from quadid_logs.repetition import Repeatability
@@ -77,13 +76,7 @@ def repeat(
     written = "" if output is None else _write(output, found, text)
     code = _EXIT_CODES[found.verdict]
     lines = repetition_lines(found)
-    if as_json:
-        say(text.rstrip("\n"))
-    elif not quiet:
-        for line in (*lines, *([f"  written: {written}"] if written else ())):
-            say(line)
-    elif code:
-        report_problem(lines[0])
+    say_outcome(text, lines, written, code=code, as_json=as_json, quiet=quiet)
     if output is not None and open_report:
         open_page(output / _PAGE)
     return code
@@ -91,22 +84,10 @@ def repeat(
 
 def _write(folder: Path, found: Repeatability, text: str) -> str:
     """Write page and JSON and, where flights tell something, the figures; return what was written."""
-    import io
-
     from quadid_logs.figures import Figure
-    from quadid_logs.figures.png import write_png
     from quadid_logs.figures.repetition_chart import repetition_figures
     from quadid_logs.report.repetition_page import repetition_page
 
     figures = [each for each in repetition_figures(found) if isinstance(each, Figure)]
     files = {_PAGE: repetition_page(found, figures).encode(), _JSON: text.encode("ascii")}
-    for figure in figures:
-        drawn = io.BytesIO()
-        write_png(figure, drawn)
-        files[_PNG[figure.key]] = drawn.getvalue()
-    with new_folder(folder):
-        write_together(folder, files)
-    for name in set(_FILES) - files.keys():
-        # That of an earlier run would contradict the JSON beside it.
-        (folder / name).unlink(missing_ok=True)
-    return ", ".join(printable(folder / name) for name in files)
+    return write_outcome(folder, files, {_PNG[each.key]: each for each in figures}, _FILES)

@@ -69,7 +69,17 @@ def simulate(
             "What to fly and where to write it is missing.",
             hint="Give SCENARIO -o FILE, or --list to see the scenarios.",
         )
-    _check_output(output, seed=seed, force=force)
+    # Refuse before the work what could not be written after it.
+    if seed < 0:
+        raise SettingsError(f"A seed of {seed} is negative.", hint="Give 0 or more.")
+    if output.suffix.lower() not in AUTOPILOT_OF_ENDING:
+        raise SettingsError(
+            f"Cannot tell the format from the name {printable(output.name, 80)!r}.",
+            hint=f"Let it end in {', '.join(AUTOPILOT_OF_ENDING)}.",
+        )
+    for path in (output, truth_path(output)):
+        check_no_link(path)
+    check_free(output, truth_path(output), force=force)
     with Progress(scenario) as progress:
         progress("simulating")
         simulation = fly_scenario(
@@ -90,22 +100,6 @@ def simulate(
 def truth_path(log: Path) -> Path:
     """Return where the truth about a log is written: flight.bin has flight.truth.json."""
     return log.with_suffix(".truth.json")
-
-
-def _check_output(output: Path, *, seed: int, force: bool) -> None:
-    """Refuse before the work what could not be written after it."""
-    from quadid_logs.writers.endings import AUTOPILOT_OF_ENDING
-
-    if seed < 0:
-        raise SettingsError(f"A seed of {seed} is negative.", hint="Give 0 or more.")
-    if output.suffix.lower() not in AUTOPILOT_OF_ENDING:
-        raise SettingsError(
-            f"Cannot tell the format from the name {printable(output.name, 80)!r}.",
-            hint=f"Let it end in {', '.join(AUTOPILOT_OF_ENDING)}.",
-        )
-    for path in (output, truth_path(output)):
-        check_no_link(path)
-    check_free(output, truth_path(output), force=force)
 
 
 def write_simulation(simulation: Simulation, output: Path) -> None:

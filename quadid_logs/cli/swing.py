@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -12,9 +12,6 @@ from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.options import EndS, LogNumber, StartS, System, settings_of
 from quadid_logs.cli.progress import Progress
 from quadid_logs.errors import SettingsError
-
-if TYPE_CHECKING:
-    from quadid_logs.data.vehicle import Vehicle
 
 
 def swing(
@@ -81,8 +78,13 @@ def swing(
     from quadid_logs.vehicle_file import read_vehicle
 
     known = None if vehicle is None else read_vehicle(vehicle)
+    # The mass that was given, or that of the vehicle file.
+    if mass_kg is None and known is not None:
+        mass_kg = known.mass_kg
+    if mass_kg is None:
+        raise SettingsError("The mass is not known.", hint="Give --mass in kg, or mass_kg in --vehicle.")
     hung = Bifilar(
-        mass_kg=_mass(mass_kg, known),
+        mass_kg=mass_kg,
         length_m=length_m,
         distance_m=distance_m,
         mass_half_width_kg=math.nan if mass_error_kg is None else mass_error_kg,
@@ -104,12 +106,3 @@ def swing(
     for line in swing_lines(content.path, found, known):
         say(line)
     return 0
-
-
-def _mass(mass_kg: float | None, vehicle: Vehicle | None) -> float:
-    """Return the mass that was given, or that of the vehicle file."""
-    if mass_kg is None and vehicle is not None:
-        mass_kg = vehicle.mass_kg
-    if mass_kg is None:
-        raise SettingsError("The mass is not known.", hint="Give --mass in kg, or mass_kg in --vehicle.")
-    return mass_kg

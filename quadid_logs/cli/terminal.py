@@ -40,10 +40,6 @@ def wrapped(line: str, hang: int) -> list[str]:
         Of words between spaces, commands between backticks.
     hang : int
         By how many columns the lines after the first are indented; on a narrow terminal, by fewer.
-
-    Returns
-    -------
-    list of str
     """
     if not is_terminal(sys.stdout):
         return [line]
@@ -58,13 +54,8 @@ def broken(line: str, columns: int, hang: int = 0) -> list[str]:
     ----------
     line : str
         Of words between spaces, commands between backticks.
-    columns : int
     hang : int
         By how many columns the lines after the first are indented.
-
-    Returns
-    -------
-    list of str
     """
     joined = _COMMAND.sub(lambda match: match[0].replace(" ", _UNBROKEN), line)
     parts = textwrap.wrap(

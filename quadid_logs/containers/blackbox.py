@@ -116,7 +116,6 @@ def read_content(
 
     Parameters
     ----------
-    path : str or Path
     wanted : callable, optional
         Is given the fields of the main frames, and returns those to keep; all by default. Loop and time are
         always kept.
@@ -124,10 +123,6 @@ def read_content(
         Which of the logs in the file, from 1; 0 takes the only one that holds frames.
     accept : callable, optional
         Is given a header's lines by name, and raises for a log of another writer.
-
-    Returns
-    -------
-    BlackboxContent
 
     Raises
     ------

@@ -109,14 +109,7 @@ class Block:
 def groups_of(layout: Layout) -> tuple[Group, ...]:
     """Return the groups in which the fields are written.
 
-    Parameters
-    ----------
-    layout : Layout
-
-    Returns
-    -------
-    tuple of Group
-        A single field of TAG8_8SVB has no tag: it is a number like those beside it.
+    A single field of TAG8_8SVB has no tag: it is a number like those beside it.
     """
     groups: list[Group] = []
     at = 0
@@ -142,10 +135,8 @@ def frame_ends(block: Block, start: IntArray, groups: tuple[Group, ...]) -> IntA
 
     Parameters
     ----------
-    block : Block
     start : ndarray of int64, shape (n,)
         Of the frames' first field.
-    groups : tuple of Group
 
     Returns
     -------
@@ -178,11 +169,8 @@ def frame_values(
 
     Parameters
     ----------
-    block : Block
     start : ndarray of int64, shape (n,)
         As in `frame_ends`.
-    layout : Layout
-    groups : tuple of Group
 
     Returns
     -------

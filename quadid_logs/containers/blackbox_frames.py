@@ -80,17 +80,7 @@ class _Letters(NamedTuple):
 
 
 def find_frames(file: FileParts, header: Header) -> Frames:
-    """Walk through the frames of a log.
-
-    Parameters
-    ----------
-    file : FileParts
-    header : Header
-
-    Returns
-    -------
-    Frames
-    """
+    """Walk through the frames of a log."""
     groups = {ord(letter): groups_of(layout) for letter, layout in header.layouts.items()}
     walk = _Walk(header)
     for start, block, n_bytes in blocks_of(file, header.body, header.stop):
@@ -109,7 +99,6 @@ def blocks_of(
 
     Parameters
     ----------
-    file : FileParts
     start, stop : int
         [bytes].
     position : ndarray of int64, shape (n,), optional

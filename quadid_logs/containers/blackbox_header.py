@@ -84,14 +84,7 @@ class Header:
 def find_logs(file: FileParts) -> list[int]:
     """Return where each log of a file begins.
 
-    Parameters
-    ----------
-    file : FileParts
-
-    Returns
-    -------
-    list of int
-        Byte offsets, rising.
+    Byte offsets, rising.
     """
     found = []
     for start, block in file.blocks(_BLOCK_BYTES, len(MAGIC) - 1):
@@ -108,15 +101,10 @@ def read_header(file: FileParts, start: int, stop: int, accept: Accept | None = 
 
     Parameters
     ----------
-    file : FileParts
     start, stop : int
         Of the log in the file [bytes].
     accept : callable, optional
         Is given all lines by name before any is understood, and raises for a log of another writer.
-
-    Returns
-    -------
-    Header
 
     Raises
     ------

@@ -31,8 +31,6 @@ def add_constants(values: Int32Array, layout: Layout, header: Header) -> None:
     ----------
     values : ndarray of int32, shape (n_fields, n_frames)
         Changed in place.
-    layout : Layout
-    header : Header
     """
     constants = {
         _MIN_THROTTLE: header.number("minthrottle"),
@@ -57,7 +55,6 @@ def add_differences(values: Int32Array, is_complete: NDArray[np.bool_], header: 
     values : ndarray of int32, shape (n_frames, n_fields)
         In file order, the first one complete; changed in place.
     is_complete : ndarray of bool, shape (n_frames,)
-    header : Header
     """
     predictor = np.array(header.layouts["P"].predictor)
     first = np.flatnonzero(is_complete)
@@ -106,7 +103,6 @@ def add_places(values: Int32Array, layout: Layout, home: Int32Array, main_time: 
     ----------
     values : ndarray of int32, shape (n_fields, n_frames)
         Changed in place.
-    layout : Layout
     home : ndarray of int32, shape (2, n_frames)
     main_time : ndarray of int32, shape (n_frames,)
     """

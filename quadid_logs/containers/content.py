@@ -136,7 +136,6 @@ def rows_at(data: Bytes, offsets: IntArray, dtype: np.dtype[np.void]) -> AnyArra
 
     Parameters
     ----------
-    data : ndarray of uint8
     offsets : ndarray of int64, shape (n_rows,)
         Each with a whole row before the end of `data`.
 
@@ -161,7 +160,6 @@ def rows_of_types(
 
     Parameters
     ----------
-    file : FileParts
     wanted : sequence of (offsets, dtype)
         As of `rows_at`, the offsets in ascending order.
     behind : int
@@ -196,8 +194,6 @@ def mean_rate_hz(count: int, time: FloatArray | None, unit_s: float = 1.0) -> fl
 
     Parameters
     ----------
-    count : int
-        Number of rows.
     time : ndarray, shape (n_times,), or None
         The first and the last matter.
     unit_s : float

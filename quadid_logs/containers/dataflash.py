@@ -132,11 +132,8 @@ class DataFlashFile:
     ) -> dict[str, MessageTable]:
         """Decode some columns of some message types, all where None.
 
-        Returns
-        -------
-        dict of str to MessageTable
-            Only types that occur. Values are scaled by their format character
-            (``c C e E`` by 1/100, ``L`` by 1e-7) and otherwise as logged.
+        Only types that occur. Values are scaled by their format character (``c C e E`` by 1/100, ``L`` by
+        1e-7) and otherwise as logged.
         """
         return self._decode(self._groups(types), labels)
 

@@ -128,16 +128,8 @@ class MessageIndex(NamedTuple):
 def index_messages(content: FileParts) -> MessageIndex:
     """Find all messages of a DataFlash file.
 
-    Parameters
-    ----------
-    content : FileParts
-        The file.
-
-    Returns
-    -------
-    MessageIndex
-        The messages in file order. Bytes outside them are in `lost`. Work and
-        memory grow linearly with the file, whatever is in it.
+    The messages in file order. Bytes outside them are in `lost`. Work and memory grow linearly with the file,
+    whatever is in it.
     """
     headers = find_headers(content)
     definitions = read_definitions(content, headers)
@@ -148,16 +140,7 @@ def index_messages(content: FileParts) -> MessageIndex:
 
 
 def find_headers(content: FileParts) -> Headers:
-    """Find every ``A3 95`` that is followed by an id byte.
-
-    Parameters
-    ----------
-    content : FileParts
-
-    Returns
-    -------
-    Headers
-    """
+    """Find every ``A3 95`` that is followed by an id byte."""
     n_bytes = content.n_bytes
     offset_type = np.uint32 if n_bytes < 1 << 32 else np.int64
     positions: list[AnyArray] = [np.zeros(0, offset_type)]
@@ -291,10 +274,6 @@ def by_version(
         As of `definition_at`.
     positions : ndarray of integers, shape (n_rows,)
         Rising.
-
-    Returns
-    -------
-    list of (MessageDefinition, ndarray)
     """
     if len(versions) == 1:
         return [(versions[0], positions)] if len(positions) else []

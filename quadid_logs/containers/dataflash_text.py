@@ -106,10 +106,7 @@ class TextLog:
     ) -> dict[str, MessageTable]:
         """Read some columns of some message types, all where None.
 
-        Returns
-        -------
-        dict of str to MessageTable
-            Only types that occur. Values are as printed, that is already scaled.
+        Only types that occur. Values are as printed, that is already scaled.
         """
         names = [name for name in self._definitions if types is None or name in types]
         return self._parse({name: self._by_name.get(name, []) for name in names if name != "FMT"}, labels)

@@ -72,7 +72,6 @@ def usec_to_boot_s(usec: AnyArray, position: IntArray, clock: BootClock) -> Floa
         Zero means not filled in.
     position : ndarray of int64, shape (n_rows,)
         Byte offsets, rising.
-    clock : BootClock
 
     Returns
     -------

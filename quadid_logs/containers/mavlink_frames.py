@@ -107,16 +107,8 @@ class Framing(NamedTuple):
 def frame(file: FileParts, dialect: Dialect) -> Framing:
     """Find every packet of a telemetry log.
 
-    Parameters
-    ----------
-    file : FileParts
-    dialect : Dialect
-
-    Returns
-    -------
-    Framing
-        Bytes that belong to no packet are in `lost`, except packets of unknown
-        type, whose checksum cannot be known, where they fill a gap exactly.
+    Bytes that belong to no packet are in `lost`, except packets of unknown type, whose checksum cannot be
+    known, where they fill a gap exactly.
     """
     packets = _all_packets(file, dialect)
     # Mark the packets that do not begin inside an earlier one: a checksum can be right by chance.
@@ -142,11 +134,6 @@ def host_time_s(file: FileParts, packets: Packets) -> FloatArray:
 
     Big-endian microseconds. The host's clock can run wrong by factors.
 
-    Parameters
-    ----------
-    file : FileParts
-    packets : Packets
-
     Returns
     -------
     ndarray, shape (n_packets,)
@@ -165,7 +152,10 @@ def _all_packets(file: FileParts, dialect: Dialect) -> Packets:
     """
     whole, count = _NO_PACKETS, 0
     for begin, block in file.blocks(_BLOCK, LONGEST):
-        more = _right_packets(block, dialect)
+        # Those with a right checksum that begin in the first `_BLOCK` bytes; places count from 0.
+        packets = _candidates(block, dialect)
+        packets = packets.where(_has_right_checksum(block, packets, dialect))
+        more = packets.where(np.argsort(packets.start, kind="stable"))
         after = count + len(more.start)
         if after > len(whole.start):
             expected = int(1.1 * after * file.n_bytes / (begin + _BLOCK))
@@ -175,13 +165,6 @@ def _all_packets(file: FileParts, dialect: Dialect) -> Packets:
         whole.start[count:after] += begin
         count = after
     return whole.where(slice(count))
-
-
-def _right_packets(block: Bytes, dialect: Dialect) -> Packets:
-    """Find the packets with a right checksum that begin in the first `_BLOCK` bytes; places count from 0."""
-    packets = _candidates(block, dialect)
-    packets = packets.where(_has_right_checksum(block, packets, dialect))
-    return packets.where(np.argsort(packets.start, kind="stable"))
 
 
 def _candidates(block: Bytes, dialect: Dialect) -> Packets:

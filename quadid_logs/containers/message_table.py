@@ -156,10 +156,6 @@ def join_tables(tables: list[MessageTable]) -> MessageTable:
     ----------
     tables : list of MessageTable
         At least one.
-
-    Returns
-    -------
-    MessageTable
     """
     if len(tables) == 1:
         return tables[0]

@@ -84,13 +84,8 @@ def read_cells(path: str | Path, choose: Choose) -> Cells:
 
     Parameters
     ----------
-    path : str or Path
     choose : callable
         Given the names of the file's columns, returns those to read.
-
-    Returns
-    -------
-    Cells
 
     Raises
     ------
@@ -243,14 +238,10 @@ def _parquet_column(column: Any) -> tuple[FloatArray, int]:
     if pa.types.is_dictionary(column.type):
         return _convert_column(column)
     try:
-        return _as_float(column.cast(pa.float64(), safe=False)), 0
+        # An Arrow column as float64, missing values as NaN.
+        return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64), 0
     except pa.ArrowException:
         return _convert_column(column.cast(pa.string()))
-
-
-def _as_float(column: Any) -> FloatArray:
-    """Return an Arrow column as float64, missing values as NaN."""
-    return np.asarray(column.to_numpy(), dtype=np.float64)
 
 
 def _convert_column(column: Any) -> tuple[FloatArray, int]:

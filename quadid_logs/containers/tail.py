@@ -56,12 +56,7 @@ class LogTail:
         self.end_s = float("nan")
 
     def append(self, content: bytes) -> None:
-        """Take the next bytes of the file: messages, the last one perhaps not whole.
-
-        Parameters
-        ----------
-        content : bytes
-        """
+        """Take the next bytes of the file: messages, the last one perhaps not whole."""
         self._unread += content
         if self._is_ulog is None:
             if len(self._unread) < HEADER_SIZE:

@@ -130,15 +130,10 @@ def read_messages(
 
     Parameters
     ----------
-    path : str or Path
     names : collection of str, optional
         Message names to decode; all by default.
     system : int
         System id to keep; 0 keeps all.
-
-    Returns
-    -------
-    dict of str to MessageRows
     """
     dialect = load_dialect()
     with closing(FileParts.open(path)) as file:
@@ -153,7 +148,6 @@ def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -
 
     Parameters
     ----------
-    path : str or Path
     names : collection of str
         Message names to decode.
     system : int

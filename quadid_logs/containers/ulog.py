@@ -98,13 +98,8 @@ def read_topics(path: str | Path, topics: Collection[str] | None = None) -> dict
 
     Parameters
     ----------
-    path : str or Path
     topics : collection of str, optional
         Names to decode; all by default.
-
-    Returns
-    -------
-    dict of (name, instance) to TopicTable
     """
     return dict(read_content(path, topics).topics)
 
@@ -178,7 +173,13 @@ def _join(tables: list[TopicTable]) -> TopicTable:
     if any(table.rows.dtype != first.rows.dtype for table in tables):
         # Firmware changed between joined files: keep what all of them have.
         shared = [name for name in first.fields if all(_has_field(first, table, name) for table in tables)]
-        rows = np.concatenate([table.rows[shared].astype(_packed(first, shared)) for table in tables])
+        # Packed: a dtype without holes.
+        rows = np.concatenate(
+            [
+                table.rows[shared].astype(np.dtype([(name, first.rows.dtype[name]) for name in shared]))
+                for table in tables
+            ]
+        )
     else:
         rows = np.concatenate([table.rows for table in tables])
     position = np.concatenate([table.position for table in tables])
@@ -189,11 +190,6 @@ def _join(tables: list[TopicTable]) -> TopicTable:
 def _has_field(first: TopicTable, other: TopicTable, name: str) -> bool:
     """Tell whether both tables have the field, with the same type."""
     return name in other.fields and first.rows.dtype[name] == other.rows.dtype[name]
-
-
-def _packed(table: TopicTable, names: list[str]) -> np.dtype[np.void]:
-    """Return the dtype of some fields of a table, without holes."""
-    return np.dtype([(name, table.rows.dtype[name]) for name in names])
 
 
 def _counts(file: FileParts, frames: Frames) -> tuple[MessageCount, ...]:

@@ -142,14 +142,6 @@ def is_mine(head: bytes) -> bool:
 def read_usd(path: str | Path) -> UsdContent:
     """Read a micro-SD log.
 
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    UsdContent
-
     Raises
     ------
     UnknownFormatError

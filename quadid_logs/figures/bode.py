@@ -45,6 +45,11 @@ def frequency_response(result: Result) -> Figure | LeftOut:
         _axis(data, model, column, n_block, found[column] if found else None) for column in range(len(AXES))
     ]
     chosen = "" if data is result.data else " Of this long flight: the minutes that the model was fitted to."
+    by_hand = " that was set by hand" if result.settings.identify.smoothing_hz else ""
+    band_words = "".join(
+        f" Shaded: the fitted band{by_hand}, {band.start:.2g} to {band.end:.2g} Hz."
+        for band in _fitted_band(model)
+    )
     return Figure(
         key=_KEY,
         title=_TITLE,
@@ -52,7 +57,7 @@ def frequency_response(result: Result) -> Figure | LeftOut:
         f"log, where at least {100.0 * _WORTH_SHOWING:g} % of the rate belongs to the torque (coherence). "
         "Dots: third-octave averages with 95 % intervals, by the set-points where those explain the torque. "
         "Line: the model with its lag, delay and the gyro's filter."
-        f"{_band_words(result, model)} A rigid body behind a lag has a level gain whose phase falls. Where "
+        f"{band_words} A rigid body behind a lag has a level gain whose phase falls. Where "
         "gain grows with frequency while the phase lags by some 90 degrees, torque follows rate: that is the "
         f"inverse of the controller, which every log shows above its manoeuvres.{chosen}",
         panels=tuple(panel for row in zip(*columns, strict=True) for panel in row),
@@ -65,15 +70,6 @@ def _fitted_band(model: Model) -> tuple[Band, ...]:
     if model.band is None:
         return ()
     return (Band(start=float(model.band.low_hz[0]), end=float(model.band.cutoff_hz[0]), role="held-out"),)
-
-
-def _band_words(result: Result, model: Model) -> str:
-    """Say which band is shaded, and who chose it."""
-    by_hand = " that was set by hand" if result.settings.identify.smoothing_hz else ""
-    return "".join(
-        f" Shaded: the fitted band{by_hand}, {band.start:.2g} to {band.end:.2g} Hz."
-        for band in _fitted_band(model)
-    )
 
 
 def _axis(
@@ -219,7 +215,11 @@ def model_response(model: Model, frequency_hz: FloatArray, gyro_filter: GyroFilt
         if symbol in model.regressors:
             rates[:, column] = model.A[_rows(model), model.regressors.index(symbol)]
     derivative = s[:, np.newaxis, np.newaxis]
-    gains = model.B[_rows(model)] + derivative * _reaction(model)
+    # What the change of each torque does, (3, 3): rotors that speed up turn the vehicle, too.
+    reaction = np.zeros((3, 3))
+    if "N_dot" in model.regressors:
+        reaction[:, AXES.index("yaw")] = model.A[_rows(model), model.regressors.index("N_dot")]
+    gains = model.B[_rows(model)] + derivative * reaction
     free = np.linalg.solve(derivative * np.eye(3) - rates, gains)
     on_axis = np.diagonal(free, axis1=1, axis2=2)
     shaping = np.ones(s.shape, dtype=np.complex128)
@@ -227,14 +227,6 @@ def model_response(model: Model, frequency_hz: FloatArray, gyro_filter: GyroFilt
         shaping = lag_response(s, model.actuator.lag_s) * delay_response(s, model.actuator.delay_s)
         shaping = shaping * gyro_response(s, *gyro_filter)
     return np.asarray(on_axis * shaping[:, np.newaxis], dtype=np.complex128)
-
-
-def _reaction(model: Model) -> FloatArray:
-    """Return what the change of each torque does, (3, 3): rotors that speed up turn the vehicle, too."""
-    reaction = np.zeros((3, 3))
-    if "N_dot" in model.regressors:
-        reaction[:, AXES.index("yaw")] = model.A[_rows(model), model.regressors.index("N_dot")]
-    return reaction
 
 
 def _rows(model: Model) -> list[int]:

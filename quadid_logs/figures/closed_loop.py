@@ -6,13 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.closed_loop import AxisLoop, LoopCurve, PredictedSeries
+from quadid_logs.arrays import FloatArray
+from quadid_logs.data.closed_loop import AxisLoop, LoopCurve
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, Label, LeftOut, Level, Mark, Panel, Ribbon
 from quadid_logs.figures.thinning import thin_line
 from quadid_logs.figures.time_series import TIME, spans, torque_axis
-from quadid_logs.maths.band import ComplexArray
 
 #: As long as an eye can follow at the loop's own speed [s].
 _CLOSE_LOOK_S = 5.0
@@ -91,7 +90,11 @@ def _tracking(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     if found.prediction is None:
         return ()
     series = found.prediction.series
-    chosen = _most_excited(series)
+    parts = [
+        (series.time_s >= start_s) & (series.time_s <= min(end_s, start_s + _CLOSE_LOOK_S))
+        for start_s, end_s in spans(series.time_s, series.held_out)
+    ]
+    chosen = max(parts, key=lambda part: float(np.std(series.torque[part])))
     time_s = series.time_s[chosen]
 
     def curve(label: str, values: FloatArray, role: str, mark: Mark = "line") -> Curve:
@@ -125,15 +128,6 @@ def _tracking(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     )
 
 
-def _most_excited(series: PredictedSeries) -> BoolArray:
-    """Mark the held-out seconds with most torque."""
-    parts = [
-        (series.time_s >= start_s) & (series.time_s <= min(end_s, start_s + _CLOSE_LOOK_S))
-        for start_s, end_s in spans(series.time_s, series.held_out)
-    ]
-    return max(parts, key=lambda part: float(np.std(series.torque[part])))
-
-
 def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     """Return gain and phase of the open loop."""
     curve, measured, name = found.curve, found.measured, axis.capitalize()
@@ -145,7 +139,11 @@ def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     if measured is not None:
         at_hz = measured.frequency_hz
         points = (_points(at_hz, np.abs(measured.response)),)
-        angles = (_points(at_hz, np.degrees(_nearest_turn(measured.response, at_hz, curve))),)
+        # Phases on the turn of the circle that lies nearest to the model's.
+        model = np.interp(at_hz, curve.frequency_hz, _phase(curve))
+        apart = np.angle(measured.response) - model
+        nearest = model + np.mod(apart + np.pi, 2.0 * np.pi) - np.pi
+        angles = (_points(at_hz, np.degrees(nearest)),)
     known = (Band(start=0.1, end=found.known_hz, role="held-out", label="measured or fitted"),)
     return (
         Panel(
@@ -184,13 +182,6 @@ def _phase(curve: LoopCurve) -> FloatArray:
 
 def _points(x: FloatArray, y: FloatArray) -> Curve:
     return Curve(label="log", x=x, y=y, role="measured", mark="points")
-
-
-def _nearest_turn(response: ComplexArray, at_hz: FloatArray, curve: LoopCurve) -> FloatArray:
-    """Return phases [rad] on the turn of the circle that lies nearest to the model's."""
-    model = np.interp(at_hz, curve.frequency_hz, _phase(curve))
-    apart = np.angle(response) - model
-    return np.asarray(model + np.mod(apart + np.pi, 2.0 * np.pi) - np.pi, dtype=np.float64)
 
 
 def _nyquist(axis: str, found: AxisLoop) -> tuple[Panel, ...]:

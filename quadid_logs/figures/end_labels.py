@@ -13,14 +13,7 @@ _LONGEST, _MOST = 16, 6
 def labelled(panel: Panel) -> tuple[Curve, ...]:
     """Return the curves of a panel that can bear their name at their end.
 
-    Parameters
-    ----------
-    panel : Panel
-
-    Returns
-    -------
-    tuple of Curve
-        Lines with a short name that no other of the panel bears; none of a drawing, whose lines end anywhere.
+    Lines with a short name that no other of the panel bears; none of a drawing, whose lines end anywhere.
     """
     lines = [curve for curve in panel.curves if curve.mark in {"line", "wide", "dashed"} and curve.x.size]
     names = [curve.label for curve in lines]
@@ -32,32 +25,14 @@ def labelled(panel: Panel) -> tuple[Curve, ...]:
 
 
 def at_the_right(figure: Figure) -> Iterator[Panel]:
-    """Yield the panels that have room beside them: those of the last column.
-
-    Parameters
-    ----------
-    figure : Figure
-
-    Yields
-    ------
-    Panel
-    """
+    """Yield the panels that have room beside them: those of the last column."""
     for number, panel in enumerate(figure.panels, start=1):
         if number % figure.columns == 0:
             yield panel
 
 
 def names_at_ends(figure: Figure) -> frozenset[str]:
-    """Return the names that stand at ends of lines, and so need no place in the legend.
-
-    Parameters
-    ----------
-    figure : Figure
-
-    Returns
-    -------
-    frozenset of str
-    """
+    """Return the names that stand at ends of lines, and so need no place in the legend."""
     return frozenset(curve.label for panel in at_the_right(figure) for curve in labelled(panel))
 
 
@@ -66,7 +41,6 @@ def spread(places: Sequence[float], apart: float) -> list[float]:
 
     Parameters
     ----------
-    places : sequence of float
     apart : float
         Where there is not room for all, those at the bottom leave the range.
 

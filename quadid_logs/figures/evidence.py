@@ -67,16 +67,7 @@ class Held(NamedTuple):
 
 
 def evidence_figure(result: Result) -> Figure | LeftOut:
-    """Show the most excited held-out seconds of every axis.
-
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    Figure or LeftOut
-    """
+    """Show the most excited held-out seconds of every axis."""
     model, found = result.identification.recommended, held_out_seconds(result)
     if model is None or len(found) < len(AXES):
         reason = "No model was fitted." if model is None else "No data were kept for validation."
@@ -124,14 +115,7 @@ def _explained(r2: float, *, by_commands: bool) -> str:
 def held_out_seconds(result: Result) -> tuple[Held, ...]:
     """Return for each axis the held-out seconds that move it most, without what is slower than the fit.
 
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    tuple of Held
-        Of roll, pitch and yaw; empty where there is no model or nothing was held out.
+    Of roll, pitch and yaw; empty where there is no model or nothing was held out.
     """
     model = result.identification.recommended
     fit = None if model is None else model.fit
@@ -154,16 +138,7 @@ def held_out_seconds(result: Result) -> tuple[Held, ...]:
 
 
 def slowest_hz(result: Result) -> float:
-    """Return the lower edge of the fitted band [Hz].
-
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    float
-    """
+    """Return the lower edge of the fitted band [Hz]."""
     model = result.identification.recommended
     if model is not None and model.band is not None:
         return float(model.band.low_hz[0])
@@ -184,7 +159,6 @@ def most_excited_seconds(fit: FitSeries, column: int) -> BoolArray | None:
 
     Parameters
     ----------
-    fit : FitSeries
     column : int
         The axis: 0 roll, 1 pitch, 2 yaw.
 

@@ -38,16 +38,7 @@ _ROLES: Final = ("series-1", "series-2", "series-3", "series-4")
 
 
 def health_figures(result: Result) -> list[Figure | LeftOut]:
-    """Return every figure of what the log shows, those that it has no data for with the reason.
-
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    list of Figure or LeftOut
-    """
+    """Return every figure of what the log shows, those that it has no data for with the reason."""
     health = result.health or Health(missing=dict.fromkeys(_TITLES, _NOT_LOOKED_AT))
     # Show the angles that were commanded over those that were flown.
     if health.attitude is None:

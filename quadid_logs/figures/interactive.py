@@ -33,17 +33,9 @@ _RIGHT_PX, _LETTER_PX, _LETTER_NARROW_PX = 14, 7.0, 6.4
 def interactive(figure: Figure) -> dict[str, Any]:
     """Return traces, and one layout for wide and one for narrow screens.
 
-    Parameters
-    ----------
-    figure : Figure
-
-    Returns
-    -------
-    dict
-        ``key``, ``over_time``, ``data`` and ``layouts`` (``wide``,
-        ``narrow``), ready for `json.dumps`; arrays are base64 typed arrays, in
-        which a gap is NaN. A trace whose ``meta`` says ``end`` bears its name at its end in the panels at
-        the right edge; the page's script puts it there, because it moves with the zoom.
+    ``key``, ``over_time``, ``data`` and ``layouts`` (``wide``, ``narrow``), ready for `json.dumps`; arrays
+    are base64 typed arrays, in which a gap is NaN. A trace whose ``meta`` says ``end`` bears its name at its
+    end in the panels at the right edge; the page's script puts it there, because it moves with the zoom.
     """
     seen = set(map(_name, names_at_ends(figure)))
     traces = [
@@ -209,7 +201,13 @@ def _layout(figure: Figure, columns: int, *, narrow: bool = False) -> dict[str, 
     gap_px = _GAP_PX if figure.over_time else _GAP_WITH_LABEL_PX
     inside_px = sum(heights) + gap_px * (len(rows) - 1)
     legend_px = _LEGEND_NARROW_PX if narrow else _LEGEND_WIDE_PX * (0.65 if figure.low else 1.0)
-    top_px = _TOP_PX + _LEGEND_ROW_PX * _legend_rows(figure, legend_px)
+    # How many rows the legend needs: Plotly gives every entry the width of the longest.
+    labels = {curve.label for panel in figure.panels for curve in panel.curves if curve.mark != "thick"}
+    labels -= names_at_ends(figure)
+    labels |= {band.label for panel in figure.panels for band in panel.bands if band.label}
+    labels |= {ribbon.label for panel in figure.panels for ribbon in panel.ribbons}
+    longest_px = _LETTER_PX * max(map(len, labels), default=0) + 48.0
+    top_px = _TOP_PX + _LEGEND_ROW_PX * (-(-len(labels) // max(1, int(legend_px / longest_px))))
     layout: dict[str, Any] = {
         "height": round(inside_px + top_px + _BOTTOM_PX),
         "margin": {"l": 66, "r": _right_px(figure, narrow=narrow), "t": top_px, "b": _BOTTOM_PX},
@@ -237,20 +235,13 @@ def _layout(figure: Figure, columns: int, *, narrow: bool = False) -> dict[str, 
         for column, panel in enumerate(panels):
             number = row * columns + column + 1
             labelled = not figure.over_time or number > len(figure.panels) - columns
-            x_domain = _column_domain(column, columns)
+            # Left and right end of a column, as fractions of the width.
+            width = (1.0 - _COLUMN_GAP * (columns - 1)) / columns
+            left = column * (width + _COLUMN_GAP)
+            x_domain = (left, min(1.0, left + width))
             _add_axes(layout, figure, panel, number, (x_domain, (bottom, top)), labelled=labelled)
         top = bottom - gap_px / inside_px
     return layout
-
-
-def _legend_rows(figure: Figure, width_px: float) -> int:
-    """Return how many rows the legend needs: Plotly gives every entry the width of the longest."""
-    labels = {curve.label for panel in figure.panels for curve in panel.curves if curve.mark != "thick"}
-    labels -= names_at_ends(figure)
-    labels |= {band.label for panel in figure.panels for band in panel.bands if band.label}
-    labels |= {ribbon.label for panel in figure.panels for ribbon in panel.ribbons}
-    longest_px = _LETTER_PX * max(map(len, labels), default=0) + 48.0
-    return -(-len(labels) // max(1, int(width_px / longest_px)))
 
 
 def _right_px(figure: Figure, *, narrow: bool) -> int:
@@ -263,13 +254,6 @@ def _right_px(figure: Figure, *, narrow: bool) -> int:
 def _name(label: str) -> str:
     """Return a label as Plotly shows it: as text, whatever it holds."""
     return html.escape(label, quote=False)
-
-
-def _column_domain(column: int, columns: int) -> tuple[float, float]:
-    """Return left and right end of a column, as fractions of the width."""
-    width = (1.0 - _COLUMN_GAP * (columns - 1)) / columns
-    left = column * (width + _COLUMN_GAP)
-    return left, min(1.0, left + width)
 
 
 def _add_axes(

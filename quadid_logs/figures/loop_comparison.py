@@ -25,14 +25,7 @@ _Pair = tuple[AxisLoop | None, AxisLoop | None]
 def loop_comparison_figure(before: Result, after: Result) -> Figure | LeftOut:
     """Draw open loops and step responses of two flights over each other, by axis.
 
-    Parameters
-    ----------
-    before, after : Result
-
-    Returns
-    -------
-    Figure or LeftOut
-        Left out where no axis has a loop in both flights.
+    Left out where no axis has a loop in both flights.
     """
     pairs = {axis: (_loop(before, axis), _loop(after, axis)) for axis in AXES}
     shown = {axis: pair for axis, pair in pairs.items() if None not in pair}

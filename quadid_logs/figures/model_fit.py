@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.model import Actuator, FitSeries, Model
+from quadid_logs.data.model import FitSeries, Model
 from quadid_logs.data.result import Result
 from quadid_logs.figures.evidence import most_excited_seconds
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Mark, Panel
@@ -227,20 +227,16 @@ def lag_profile(result: Result) -> Figure | LeftOut:
             actuator.delay_ci95_s,
         ),
     )
+    acts_on = f"the {actuator.acts_on}" if actuator.acts_on else "the torque"
     return Figure(
         key="lag",
         title=title,
         caption="How much of the acceleration stays unexplained for each assumed lag (left) and delay "
-        f"(right), the other one at its best; the lag acts on {_acts_on(actuator)}. A deep valley "
+        f"(right), the other one at its best; the lag acts on {acts_on}. A deep valley "
         "is a value well known; a flat valley means that lag and delay cannot be told apart in this flight.",
         panels=panels,
         columns=2,
     )
-
-
-def _acts_on(actuator: Actuator) -> str:
-    """Return what the lag acts on, in words."""
-    return f"the {actuator.acts_on}" if actuator.acts_on else "the torque"
 
 
 def _profile(

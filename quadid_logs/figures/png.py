@@ -16,7 +16,7 @@ from quadid_logs.figures.palette import (
     WIDE_OPACITY,
     band_opacity,
 )
-from quadid_logs.figures.spec import Curve, Figure, Heat, Level, Panel
+from quadid_logs.figures.spec import Curve, Figure, Level, Panel
 from quadid_logs.figures.ticks import log_ticks, shown_range
 
 if TYPE_CHECKING:
@@ -47,7 +47,6 @@ def write_png(figure: Figure, path: Path | BinaryIO) -> None:
 
     Parameters
     ----------
-    figure : Figure
     path : Path or binary file
         Overwritten if it exists; the caller decides about that.
     """
@@ -73,7 +72,12 @@ def _draw(figure: Figure) -> Canvas:
     from matplotlib.figure import Figure as Canvas
 
     caption = textwrap.wrap(_drawable(figure.caption), _CAPTION_WIDTH)
-    heights = _row_heights(figure)
+    rows = [
+        figure.panels[first : first + figure.columns]
+        for first in range(0, len(figure.panels), figure.columns)
+    ]
+    base = _ROW_IN[figure.columns] if len(rows) > 1 or figure.columns == 3 else 3.2
+    heights = [base * max(panel.height for panel in row) for row in rows]
     below_in = 0.62 + _CAPTION_LINE_IN * len(caption)
     total_in = _TITLE_IN + sum(heights) + _GAP_IN * (len(heights) - 1) + below_in
     canvas = Canvas(figsize=(_WIDTH_IN, total_in), facecolor="white")
@@ -127,16 +131,6 @@ def _name_ends(axes: Axes, panel: Panel) -> None:
         )  # fmt: skip
 
 
-def _row_heights(figure: Figure) -> list[float]:
-    """Return the height of each row [inch]."""
-    rows = [
-        figure.panels[first : first + figure.columns]
-        for first in range(0, len(figure.panels), figure.columns)
-    ]
-    base = _ROW_IN[figure.columns] if len(rows) > 1 or figure.columns == 3 else 3.2
-    return [base * max(panel.height for panel in row) for row in rows]
-
-
 def _draw_panel(axes: Axes, panel: Panel, *, with_x_label: bool) -> None:
     """Draw one panel."""
     axes.set_title(_drawable(panel.title), loc="left", y=1.0, fontsize=9.5, color=LIGHT["ink"], pad=3)
@@ -148,7 +142,13 @@ def _draw_panel(axes: Axes, panel: Panel, *, with_x_label: bool) -> None:
         shade = axes.axvspan if band.along == "x" else axes.axhspan
         shade(band.start, band.end, color=LIGHT[band.role], alpha=band_opacity(band.role), linewidth=0)
     if panel.heat is not None:
-        _draw_heat(axes, panel.heat)
+        known = panel.heat.z[np.isfinite(panel.heat.z)]
+        low, high = np.percentile(known, HEAT_PERCENTILES)
+        colours: dict[str, Any] = {"cmap": HEAT_COLOURS.lower(), "vmin": low, "vmax": high}
+        mesh = axes.pcolormesh(
+            panel.heat.x, panel.heat.y, panel.heat.z, **colours, shading="nearest", rasterized=True
+        )
+        axes.figure.colorbar(mesh, ax=axes, label=_drawable(panel.heat.unit), fraction=0.05, pad=0.02)
     for ribbon in panel.ribbons:
         colour, opacity = LIGHT[ribbon.role], band_opacity("interval")
         axes.fill_between(ribbon.x, ribbon.low, ribbon.high, color=colour, alpha=opacity, linewidth=0)
@@ -170,15 +170,6 @@ def _draw_panel(axes: Axes, panel: Panel, *, with_x_label: bool) -> None:
             0.99, 0.97, _drawable(panel.note), transform=axes.transAxes, ha="right", va="top", fontsize=8,
             zorder=5, bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1.5},
         )  # fmt: skip
-
-
-def _draw_heat(axes: Axes, heat: Heat) -> None:
-    """Draw a map in colours with its scale."""
-    known = heat.z[np.isfinite(heat.z)]
-    low, high = np.percentile(known, HEAT_PERCENTILES)
-    colours: dict[str, Any] = {"cmap": HEAT_COLOURS.lower(), "vmin": low, "vmax": high}
-    mesh = axes.pcolormesh(heat.x, heat.y, heat.z, **colours, shading="nearest", rasterized=True)
-    axes.figure.colorbar(mesh, ax=axes, label=_drawable(heat.unit), fraction=0.05, pad=0.02)
 
 
 def _draw_level(axes: Axes, level: Level) -> None:

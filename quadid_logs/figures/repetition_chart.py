@@ -18,16 +18,7 @@ _FUNNEL_POINTS = 60
 
 
 def repetition_figures(found: Repeatability) -> tuple[Figure | LeftOut, ...]:
-    """Return the funnel and the estimates by flight.
-
-    Parameters
-    ----------
-    found : Repeatability
-
-    Returns
-    -------
-    tuple of Figure or LeftOut
-    """
+    """Return the funnel and the estimates by flight."""
     told = [each for each in found.quantities if each.kind == "effectiveness"]
     if not told:
         reason = "Fewer than two flights identify the effectiveness of an axis."

@@ -155,12 +155,7 @@ class Figure:
         return draw(self)
 
     def save(self, path: str | Path) -> None:
-        """Write it as PNG at print quality; a file that exists is overwritten.
-
-        Parameters
-        ----------
-        path : str or Path
-        """
+        """Write it as PNG at print quality; a file that exists is overwritten."""
         from quadid_logs.figures.png import write_png
 
         write_png(self, Path(path))

@@ -20,7 +20,6 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
 
     Parameters
     ----------
-    result : Result
     headline : str
         The verdict over all axes.
     gains : mapping of str to str

@@ -52,12 +52,12 @@ def log_ticks(low: float, high: float) -> tuple[Tick, ...]:
         values = [step * 10.0**exponent for exponent in exponents for step in (1.0, 2.0, 5.0)]
         return tuple(Tick(value, _plain(value)) for value in values if 0.5 * low <= value <= 2.0 * high)
     every = -(-(last - first) // _MOST_LABELS) or 1
-    return tuple(Tick(10.0**exponent, _decade(exponent, plain=plain)) for exponent in exponents[::every])
-
-
-def _decade(exponent: int, *, plain: bool) -> str:
-    """Return the text of a power of ten."""
-    return _plain(10.0**exponent) if plain else f"10{str(exponent).translate(_SUPERSCRIPTS)}"
+    return tuple(
+        Tick(
+            10.0**exponent, _plain(10.0**exponent) if plain else f"10{str(exponent).translate(_SUPERSCRIPTS)}"
+        )
+        for exponent in exponents[::every]
+    )
 
 
 def _plain(value: float) -> str:
@@ -70,13 +70,8 @@ def shown_range(panel: Panel, name: str) -> tuple[float, float] | None:
 
     Parameters
     ----------
-    panel : Panel
     name : str
         "x" or "y"; of a logarithmic axis, only positive values count.
-
-    Returns
-    -------
-    (low, high) or None
     """
     axis = panel.x if name == "x" else panel.y
     if axis.low is not None and axis.high is not None:

@@ -71,16 +71,11 @@ def _overview_panel(
     # One thinned line per axis of the vehicle.
     time_s, values = break_at_gaps(overview.time_s, overview.values * scale)
     if overview.signal == "attitude":
-        time_s, values = _break_at_turns(time_s, values)
+        # NaN where an angle passes from 180 to -180 degrees: no vehicle turned between the two.
+        after = np.flatnonzero((np.abs(np.diff(values, axis=0)) > _HALF_TURN_DEG).any(axis=1)) + 1
+        if after.size:
+            time_s, values = np.insert(time_s, after, time_s[after]), np.insert(values, after, np.nan, axis=0)
     return Panel(title=axis.label.capitalize(), x=TIME, y=axis, curves=axis_curves(time_s, values, names))
-
-
-def _break_at_turns(time_s: FloatArray, angles_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Put a NaN row where an angle passes from 180 to -180 degrees: no vehicle turned between the two."""
-    after = np.flatnonzero((np.abs(np.diff(angles_deg, axis=0)) > _HALF_TURN_DEG).any(axis=1)) + 1
-    if not after.size:
-        return time_s, angles_deg
-    return np.insert(time_s, after, time_s[after]), np.insert(angles_deg, after, np.nan, axis=0)
 
 
 def axis_curves(time_s: FloatArray, values: FloatArray, names: tuple[str, ...]) -> tuple[Curve, ...]:

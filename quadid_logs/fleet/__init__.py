@@ -57,10 +57,6 @@ def fleet(
     resume : bool
         Go on with a store that exists: skip what it holds, try lost logs again.
 
-    Returns
-    -------
-    StoredFleet
-
     Raises
     ------
     OutputError, SettingsError

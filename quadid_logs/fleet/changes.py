@@ -123,15 +123,7 @@ class ScatterPrior(NamedTuple):
 def count_tests(histories: Sequence[Sequence[Series]]) -> int:
     """Return how many differences `find_changes` and `find_open_change` may look at in all vehicles together.
 
-    Parameters
-    ----------
-    histories : sequence of sequence of Series
-        By vehicle.
-
-    Returns
-    -------
-    int
-        Tests that Bonferroni's correction must count.
+    Tests that Bonferroni's correction must count.
     """
     lengths = [len(one.known) for history in histories for one in history]
     decided = sum(
@@ -163,15 +155,7 @@ def scatter_prior(histories: Sequence[Sequence[Series]]) -> dict[tuple[str, str]
     From differences of consecutive flights, which a change shifts only once;
     the median over the vehicles, which few changed ones do not shift.
 
-    Parameters
-    ----------
-    histories : sequence of sequence of Series
-        By vehicle.
-
-    Returns
-    -------
-    dict of (name, axis) to ScatterPrior
-        None for a quantity that fewer than five vehicles have.
+    None for a quantity that fewer than five vehicles have.
     """
     found: dict[tuple[str, str], list[float]] = {}
     for history in histories:
@@ -519,11 +503,8 @@ def present_value(one: Series, since: int, prior: ScatterPrior) -> tuple[float, 
 
     Parameters
     ----------
-    one : Series
     since : int
         Index of the first flight that counts: that of the last change.
-    prior : ScatterPrior
-        Of the quantity.
 
     Returns
     -------
@@ -548,7 +529,6 @@ def present_throttle(one: Series, since: int) -> float:
 
     Parameters
     ----------
-    one : Series
     since : int
         As for `present_value`.
 
@@ -578,8 +558,6 @@ def compare_vehicles(
     ----------
     present : mapping of str to (value, standard error)
         By vehicle, from `present_value`.
-    name, axis : str
-        Of the quantity.
     systematic : float
         As of the `Series`.
     n_tests : int

@@ -41,10 +41,6 @@ def coverage_of(axes: Iterable[tuple[str, Iterable[str], int]]) -> Coverage:
     ----------
     axes : iterable of (verdict, reasons, count)
         Reasons are codes, the gravest first.
-
-    Returns
-    -------
-    Coverage
     """
     counts: Counter[str] = Counter()
     refused: Counter[str] = Counter()
@@ -58,14 +54,6 @@ def coverage_of(axes: Iterable[tuple[str, Iterable[str], int]]) -> Coverage:
 
 def coverage_words(coverage: Coverage) -> str:
     """Return in one line how many axes are usable and what blocks the others.
-
-    Parameters
-    ----------
-    coverage : Coverage
-
-    Returns
-    -------
-    str
 
     Examples
     --------

@@ -81,17 +81,7 @@ class _Known(NamedTuple):
 
 
 def n_disagreement_tests(histories: Sequence[Sequence[Series]]) -> int:
-    """Return how many quantities `find_disagreements` looks at in all vehicles together.
-
-    Parameters
-    ----------
-    histories : sequence of sequence of Series
-        By vehicle.
-
-    Returns
-    -------
-    int
-    """
+    """Return how many quantities `find_disagreements` looks at in all vehicles together."""
     return sum(one.name == TESTED and len(one.known) > 1 for history in histories for one in history)
 
 
@@ -117,10 +107,6 @@ def find_disagreements(
         In the fleet, for Bonferroni's correction.
     prior : mapping
         From `scatter_prior`: of a fleet whose flights all scatter more than their intervals, none is blamed.
-
-    Returns
-    -------
-    Disagreements
     """
     found = _Found()
     for part in pairwise(ends):
@@ -198,7 +184,15 @@ def _explain(one: Series, known: _Known, n_tests: int, *, is_last: bool, found: 
         found.changes.setdefault(first, []).append(shift)
         if not ends_with_log:
             back = known.flight[begins + n_differ]
-            repaired = _reversed(shift)
+            repaired = Shift(
+                name=shift.name,
+                axis=shift.axis,
+                before=shift.after,
+                after=shift.before,
+                margin=shift.margin,
+                half_width=shift.half_width,
+                p_value=shift.p_value,
+            )
             found.changes.setdefault(int(back), []).append(repaired)
 
 
@@ -259,17 +253,4 @@ def _shift(one: Series, known: _Known, differs: BoolArray, n_tests: int) -> Shif
         margin=-float(ndtri(0.5 * FALSE_ALARMS / max(n_tests, 1))) * error + by_throttle,
         half_width=NORMAL_95 * error,
         p_value=min(2.0 * float(ndtr(-beyond / error)) * n_tests, 1.0),
-    )
-
-
-def _reversed(shift: Shift) -> Shift:
-    """Return the way back."""
-    return Shift(
-        name=shift.name,
-        axis=shift.axis,
-        before=shift.after,
-        after=shift.before,
-        margin=shift.margin,
-        half_width=shift.half_width,
-        p_value=shift.p_value,
     )

@@ -66,12 +66,6 @@ class _SchedulerGoneError(Exception):
 def run(tasks: Sequence[Task], cluster: Cluster, events: Events) -> None:
     """Do all tasks and hand every outcome to `events.take`, in the order in which they finish.
 
-    Parameters
-    ----------
-    tasks : sequence of Task
-    cluster : Cluster
-    events : Events
-
     Raises
     ------
     SettingsError

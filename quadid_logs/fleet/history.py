@@ -161,10 +161,6 @@ def read_fleet(folder: Path) -> Fleet:
     folder : Path
         The store; a run may write into it meanwhile.
 
-    Returns
-    -------
-    Fleet
-
     Raises
     ------
     SettingsError
@@ -177,15 +173,15 @@ def read_fleet(folder: Path) -> Fleet:
         flown = [row for row in rows if row["status"] == ANALYZED]
         if flown:
             histories.append(_history(flown[0]["vehicle"], flown))
-        failures += [_failure(row) for row in rows if row["status"] != ANALYZED]
+        failures += [
+            Failure(url=row["url"], vehicle=row["vehicle"], status=row["status"], error=row["error"] or "")
+            for row in rows
+            if row["status"] != ANALYZED
+        ]
     histories.sort(key=lambda history: history.vehicle)
     failures.sort(key=lambda failure: failure.url)
     tested, n_tests = _tested(histories)
     return Fleet(histories=tested, failures=tuple(failures), n_tests=n_tests, set_aside=tuple(set_aside))
-
-
-def _failure(row: Mapping[str, Any]) -> Failure:
-    return Failure(url=row["url"], vehicle=row["vehicle"], status=row["status"], error=row["error"] or "")
 
 
 def _tested(histories: Sequence[VehicleHistory]) -> tuple[tuple[VehicleHistory, ...], int]:

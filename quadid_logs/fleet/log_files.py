@@ -75,10 +75,6 @@ def find_logs(places: Iterable[str]) -> tuple[LogFile, ...]:
         Files, folders (searched to the bottom for the endings of logs) and
         patterns; with ``://`` a URL of any file system that fsspec knows.
 
-    Returns
-    -------
-    tuple of LogFile
-
     Raises
     ------
     LogNotFoundError
@@ -138,10 +134,6 @@ def without_secrets(address: str) -> str:
     ----------
     address : str
         A path, or a URL.
-
-    Returns
-    -------
-    str
 
     Examples
     --------
@@ -241,7 +233,6 @@ def fetched(file: LogFile, max_bytes: int) -> Iterator[tuple[Path, str]]:
 
     Parameters
     ----------
-    file : LogFile
     max_bytes : int
         Largest download.
 

@@ -78,16 +78,10 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules, sha256: 
 
     Parameters
     ----------
-    log : FlightLog
     file : LogFile
         Where it lies.
-    rules : NamingRules
     sha256 : str
         Of its content.
-
-    Returns
-    -------
-    Identity
     """
     vehicle, taken_from = _vehicle(log, file, rules, sha256)
     kind = log.frame or (log.vehicle_type if log.vehicle_type != "unknown" else "vehicle of unknown type")
@@ -100,14 +94,7 @@ def identify_vehicle(log: FlightLog, file: LogFile, rules: NamingRules, sha256: 
 def craft_name(log: FlightLog) -> str:
     """Return what the pilot called the vehicle, "" where the log does not say.
 
-    Parameters
-    ----------
-    log : FlightLog
-
-    Returns
-    -------
-    str
-        Untrusted text. What tells the systems of a MAVLink log apart is a number, and no name.
+    Untrusted text. What tells the systems of a MAVLink log apart is a number, and no name.
     """
     return "" if log.systems else log.vehicle_name.strip()
 
@@ -168,7 +155,6 @@ def clock_zero(log: FlightLog, start_s: float, file: LogFile) -> tuple[float, st
 
     Parameters
     ----------
-    log : FlightLog
     start_s : float
         Where the log begins on its clock [s].
     file : LogFile
@@ -192,10 +178,6 @@ def clock_zero(log: FlightLog, start_s: float, file: LogFile) -> tuple[float, st
 
 def number_in(url: str) -> int | None:
     """Return the number that the autopilot gave a log, where the last part of its path holds one.
-
-    Parameters
-    ----------
-    url : str
 
     Returns
     -------

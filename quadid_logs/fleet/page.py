@@ -16,7 +16,7 @@ from quadid_logs.data.tuning import GOOD
 from quadid_logs.fleet.changes import MIN_RUN, ChangePoint, OpenChange, OutlierTest, Shift
 from quadid_logs.fleet.coverage import coverage_words
 from quadid_logs.fleet.disagreement import Scatter
-from quadid_logs.fleet.history import Failure, Fleet, Flight, VehicleHistory
+from quadid_logs.fleet.history import Fleet, Flight, VehicleHistory
 from quadid_logs.fleet.sparklines import HEIGHT, WIDTH, Sparkline, sparkline
 from quadid_logs.fleet.store import REPORTS
 from quadid_logs.numerals import p_words, plus_minus, resolved
@@ -109,7 +109,6 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
 
     Parameters
     ----------
-    fleet : Fleet
     store : Path
         Where the single reports are, if they were kept.
     page_folder : Path
@@ -123,7 +122,9 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
     links = _links(store, page_folder)
     rows = [_vehicle_row(number, history, links) for number, history in enumerate(fleet.histories)]
     # Changed vehicles and outliers come first: that is what the page is for; then those with a result.
-    rows.sort(key=lambda row: (not row.is_noticed, not _is_known(row)))
+    rows.sort(
+        key=lambda row: (not row.is_noticed, not any(drawn for _, drawn in (*row.gains, *row.dampings)))
+    )
     page: str = (
         environment("quadid_logs.fleet")
         .get_template("fleet.html")
@@ -133,7 +134,14 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
             noticed=[row for row in rows if row.is_noticed],
             coverage=coverage_words(fleet.coverage),
             all_clear=_all_clear(fleet),
-            failures=[_failure_row(failure) for failure in fleet.failures[:_MOST_FAILURES]],
+            failures=[
+                _FailureRow(
+                    url=printable(failure.url, 200),
+                    status=failure.status,
+                    error=printable(failure.error, 300),
+                )
+                for failure in fleet.failures[:_MOST_FAILURES]
+            ],
             n_failures=len(fleet.failures),
             n_set_aside=len(fleet.set_aside),
             set_aside=[f"{row.url}: {row.reason}" for row in fleet.set_aside[:_MOST_FAILURES]],
@@ -149,11 +157,6 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
     return page
 
 
-def _is_known(row: _VehicleRow) -> bool:
-    """Return whether anything is drawn of a vehicle."""
-    return any(drawn for _, drawn in (*row.gains, *row.dampings))
-
-
 def vehicle_values(fleet: Fleet, vehicle: str, links: Mapping[str, str]) -> dict[str, Any] | None:
     """Return what ``vehicle_parts.html`` shows of one vehicle.
 
@@ -161,8 +164,6 @@ def vehicle_values(fleet: Fleet, vehicle: str, links: Mapping[str, str]) -> dict
     ----------
     fleet : Fleet
         What it is compared with.
-    vehicle : str
-        Its name.
     links : mapping of str to str
         Addresses of reports by ``<sha256>-<flight>.html``.
 
@@ -231,6 +232,8 @@ def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str])
         f"named by its {history.vehicle_from}" if history.vehicle_from else "",
     )
     shown = list(enumerate(history.flights))[-_MOST_FLIGHTS:]
+    # A centre of mass off the middle is a fact, no alarm.
+    last = history.flights[-1] if history.flights else None
     return _VehicleRow(
         anchor=f"v{number}",
         name=printable(history.vehicle, 80),
@@ -241,7 +244,7 @@ def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str])
         gains=_lines(history, "gain", changes),
         dampings=_lines(history, "damping", changes),
         margins=tuple(_margins(history)),
-        fault=_fault(history),
+        fault="" if last is None or not set(last.faults) - {"QL434"} else last.faults_found,
         changes=tuple(_change_story(change, history) for change in history.changes),
         open_change=_open_story(history.open_change, history) if history.open_change else None,
         scatter=_scatter_story(history) if history.scatter else None,
@@ -249,7 +252,11 @@ def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str])
         nothing=_nothing_found(history),
         flights=tuple(
             _flight_row(
-                k, flight, links, begins_change=k in changes, differs=_is_open(history.open_change, k)
+                k,
+                flight,
+                links,
+                begins_change=k in changes,
+                differs=history.open_change is not None and k >= history.open_change.flight,
             )
             for k, flight in reversed(shown)
         ),
@@ -266,11 +273,6 @@ def _nothing_found(history: VehicleHistory) -> str:
     return "no change"
 
 
-def _is_open(open_change: OpenChange | None, flight: int) -> bool:
-    """Return whether a flight is one of the last that differ."""
-    return open_change is not None and flight >= open_change.flight
-
-
 def _lines(
     history: VehicleHistory, name: str, changes: Sequence[int]
 ) -> tuple[tuple[str, Sparkline | None], ...]:
@@ -280,15 +282,6 @@ def _lines(
         (axis, None if one is None else sparkline(one, f"{axis} {_DRAWN[name]}", changes))
         for axis, one in series
     )
-
-
-def _fault(history: VehicleHistory) -> str:
-    """Return what the last flight says of a fault of a rotor or a sensor; "" without one.
-
-    A centre of mass off the middle is a fact, no alarm.
-    """
-    last = history.flights[-1] if history.flights else None
-    return "" if last is None or not set(last.faults) - {"QL434"} else last.faults_found
 
 
 def _margins(history: VehicleHistory) -> Iterator[tuple[str, bool]]:
@@ -474,12 +467,6 @@ def _cause(names: Iterator[str] | Sequence[str]) -> str:
     """Return what the most specific of the quantities is typically a sign of."""
     heads = {name.split(" ")[0] for name in names}
     return next((cause for head, cause in _CAUSES if head in heads), "")
-
-
-def _failure_row(failure: Failure) -> _FailureRow:
-    return _FailureRow(
-        url=printable(failure.url, 200), status=failure.status, error=printable(failure.error, 300)
-    )
 
 
 def headlines(fleet: Fleet) -> list[str]:

@@ -34,7 +34,6 @@ def analyze_flights(
 
     Parameters
     ----------
-    path : Path
     settings : Settings
         Its start and end are replaced by those of each flight.
     vehicle : Vehicle or None
@@ -80,7 +79,6 @@ def judge_flights(
 
     Parameters
     ----------
-    prepared : Prepared
     settings, vehicle
         As of `analyze_flights`.
     read_s : float

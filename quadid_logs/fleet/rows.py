@@ -104,7 +104,12 @@ def decode(row: dict[str, Any]) -> None:
             row[name] = None if row[name] is None else read(row[name])
         except (ValueError, RecursionError) as error:
             raise ForeignRowError(f"{name} is {printable(repr(row[name]), 60)}") from error
-    for name, allowed in _allowed(row["status"]).items():
+    of_axis: dict[str, frozenset[str | None]] = {"axis": frozenset(AXES), "verdict": _VERDICTS}
+    words = {
+        "status": frozenset({ANALYZED, UNREADABLE, LOST}),
+        **(of_axis if row["status"] == ANALYZED else {}),
+    }
+    for name, allowed in words.items():
         if row[name] not in allowed:
             raise ForeignRowError(f"{name} is {printable(repr(row[name]), 60)}")
     needed = ("vehicle", "url", "sha256", *(_NEEDED if row["status"] == ANALYZED else ()))
@@ -128,15 +133,6 @@ def _read_codes(text: str) -> list[str]:
     return codes
 
 
-def _allowed(status: str | None) -> Mapping[str, frozenset[str | None]]:
-    """Return the words that some columns may hold."""
-    of_axis: dict[str, frozenset[str | None]] = {"axis": frozenset(AXES), "verdict": _VERDICTS}
-    return {
-        "status": frozenset({ANALYZED, UNREADABLE, LOST}),
-        **(of_axis if status == ANALYZED else {}),
-    }
-
-
 def schema() -> pa.Schema:
     """Return the columns as Arrow's types."""
     import pyarrow as pa
@@ -156,14 +152,10 @@ def failure_row(file: LogFile, sha256: str, rules: NamingRules, *, status: str, 
 
     Parameters
     ----------
-    file : LogFile
     sha256 : str
         Of its content, "" if that was never seen.
-    rules : NamingRules
     status : str
         `UNREADABLE` or `LOST`.
-    error : str
-        The reason, for people.
 
     Returns
     -------
@@ -187,10 +179,8 @@ def result_rows(
     ----------
     results : sequence of Result
         One per flight.
-    file : LogFile
     sha256 : str
         Of the log's content.
-    rules : NamingRules
 
     Returns
     -------
@@ -206,8 +196,24 @@ def result_rows(
             log = result.log
             zero_s, started_from = clock_zero(log, result.data.start_s, file)
             identity = identify_vehicle(log, file, rules, sha256)
-            shared = {**_file_part(file, sha256, identity), **_log_part(log), "started_from": started_from}
-        start_s, duration_s = _span(result)
+            shared = {
+                **_file_part(file, sha256, identity),
+                "status": ANALYZED,
+                "format": log.format,
+                "autopilot": log.autopilot,
+                "firmware": printable(log.firmware),
+                "vehicle_type": log.vehicle_type,
+                "frame": printable(log.frame),
+                "hardware_id": printable(log.hardware_id),
+                "started_from": started_from,
+            }
+        # Start and duration of the flight [s], of the log where it did not fly.
+        flights = result.data.flights
+        start_s, duration_s = (
+            (_finite(result.data.start_s) or 0.0, _finite(result.data.duration_s) or 0.0)
+            if not flights
+            else (flights[0][0], flights[-1][1] - flights[0][0])
+        )
         when = zero_s + start_s
         part = {
             "n_flights": n_flights,
@@ -232,10 +238,6 @@ def judged_as(rows: Sequence[Mapping[str, Any]], told: Sequence[Mapping[str, Any
     ----------
     rows, told : sequence of mapping
         By axis, in the same order.
-
-    Returns
-    -------
-    list of dict
     """
     nothing = {f"{name}{end}": None for name in (*QUANTITIES, *MARGINS) for end in ("", "_low", "_high")}
     return [
@@ -246,19 +248,6 @@ def judged_as(rows: Sequence[Mapping[str, Any]], told: Sequence[Mapping[str, Any
         }
         for row, other in zip(rows, told, strict=True)
     ]
-
-
-def _log_part(log: FlightLog) -> dict[str, Any]:
-    """Return what a log says of itself."""
-    return {
-        "status": ANALYZED,
-        "format": log.format,
-        "autopilot": log.autopilot,
-        "firmware": printable(log.firmware),
-        "vehicle_type": log.vehicle_type,
-        "frame": printable(log.frame),
-        "hardware_id": printable(log.hardware_id),
-    }
 
 
 def _file_part(file: LogFile, sha256: str, identity: Identity) -> dict[str, Any]:
@@ -272,14 +261,6 @@ def _file_part(file: LogFile, sha256: str, identity: Identity) -> dict[str, Any]
         "n_bytes": file.n_bytes,
         "version": __version__,
     }
-
-
-def _span(result: Result) -> tuple[float, float]:
-    """Return start and duration of the flight [s], of the log where it did not fly."""
-    flights = result.data.flights
-    if not flights:
-        return _finite(result.data.start_s) or 0.0, _finite(result.data.duration_s) or 0.0
-    return flights[0][0], flights[-1][1] - flights[0][0]
 
 
 def _health_part(result: Result) -> dict[str, Any]:

@@ -64,21 +64,12 @@ def run_fleet(
 
     Parameters
     ----------
-    files : sequence of LogFile
-    folder : Path
-        The store.
-    options : Options
-    cluster : Cluster
     resume : bool
         Add to a store that exists.
     progress : callable
         Called with the tally after every log.
     notice : callable
         Called with what happened to scheduler and workers.
-
-    Returns
-    -------
-    Tally
 
     Raises
     ------

@@ -41,15 +41,10 @@ def sparkline(one: Series, label: str, changes: Sequence[int]) -> Sparkline | No
 
     Parameters
     ----------
-    one : Series
     label : str
         What it is, for those who do not see it.
     changes : sequence of int
         Flights from which on the vehicle is another one.
-
-    Returns
-    -------
-    Sparkline or None
     """
     known = one.known
     if not len(known):

@@ -40,16 +40,6 @@ def ask(folder: Path, sql: str) -> Answer:
     The rows are copied to it first, and its own file system is closed: a
     statement can read nothing else and write nothing.
 
-    Parameters
-    ----------
-    folder : Path
-        The store.
-    sql : str
-
-    Returns
-    -------
-    Answer
-
     Raises
     ------
     SettingsError

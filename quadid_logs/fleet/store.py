@@ -74,7 +74,6 @@ class Store:
 
         Parameters
         ----------
-        folder : Path
         options : Options
             What the store is made with; must be the same for all runs into it.
         resume : bool
@@ -91,7 +90,13 @@ class Store:
         self.folder = folder
         exists = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
         if exists:
-            _check_resumable(folder, resume=resume)
+            # Refuse a folder of something else, and a store that nobody wants to go on with.
+            if not (folder / DATABASE).is_file():
+                raise OutputError(f"{printable(folder)} exists and is no store.", hint="Choose another -o.")
+            if not resume:
+                raise OutputError(
+                    f"{printable(folder)} exists already.", hint="Add --resume to add what is missing."
+                )
         with new_folder(folder), self._writing():
             self._database = sqlite3.connect(folder / DATABASE, timeout=_PATIENCE_S, isolation_level=None)
             try:
@@ -155,10 +160,6 @@ class Store:
         Of two files with the same content the first by name stays, in whatever
         order they come, so that every run ends with the same store.
 
-        Parameters
-        ----------
-        outcome : Outcome
-
         Returns
         -------
         bool
@@ -216,10 +217,6 @@ class Store:
     def rename(self, vehicle: str, name: str) -> None:
         """Give a vehicle another name.
 
-        Parameters
-        ----------
-        vehicle, name : str
-
         Raises
         ------
         OutputError
@@ -250,14 +247,6 @@ class Store:
             raise OutputError(f"{path} cannot be written: {error}.") from error
         except sqlite3.DatabaseError as error:
             raise SettingsError(f"{path} is damaged: {error}.", hint="Choose another -o.") from error
-
-
-def _check_resumable(folder: Path, *, resume: bool) -> None:
-    """Refuse a folder of something else, and a store that nobody wants to go on with."""
-    if not (folder / DATABASE).is_file():
-        raise OutputError(f"{printable(folder)} exists and is no store.", hint="Choose another -o.")
-    if not resume:
-        raise OutputError(f"{printable(folder)} exists already.", hint="Add --resume to add what is missing.")
 
 
 def _stored(row: Mapping[str, Any]) -> list[Any]:

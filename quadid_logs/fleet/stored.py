@@ -32,10 +32,6 @@ class StoredFleet(NamedTuple):
     def to_pandas(self) -> pd.DataFrame:
         """Return all rows: one per log, flight and axis.
 
-        Returns
-        -------
-        pandas.DataFrame
-
         Raises
         ------
         SettingsError
@@ -50,14 +46,6 @@ class StoredFleet(NamedTuple):
 
     def query(self, sql: str) -> list[dict[str, object]]:
         """Return the rows that one SQL statement about the table ``fleet`` gives.
-
-        Parameters
-        ----------
-        sql : str
-
-        Returns
-        -------
-        list of dict
 
         Raises
         ------

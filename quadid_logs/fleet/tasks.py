@@ -51,17 +51,10 @@ def failure(task: Task, sha256: str, status: str, error: str) -> Outcome:
 
     Parameters
     ----------
-    task : Task
     sha256 : str
         Of its content, "" if that was never seen.
     status : str
         `UNREADABLE` or `LOST`.
-    error : str
-        The reason, for people.
-
-    Returns
-    -------
-    Outcome
     """
     row = failure_row(task.file, sha256, task.options.rules, status=status, error=error)
     return Outcome(file=task.file, sha256=sha256, rows=(row,))

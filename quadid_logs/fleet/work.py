@@ -68,14 +68,6 @@ def work_in(folder: str, task: Task) -> Outcome:
 def work(task: Task) -> Outcome:
     """Fetch, read and analyze one log; whatever is wrong with it becomes its row.
 
-    Parameters
-    ----------
-    task : Task
-
-    Returns
-    -------
-    Outcome
-
     Raises
     ------
     SettingsError
@@ -94,19 +86,13 @@ def work(task: Task) -> Outcome:
     except FetchError as error:
         return failure(task, "", LOST, str(error))
     except MemoryError:
-        return failure(
-            task, "", LOST, f"Its analysis takes more than {_memory_words()} of memory of a worker."
-        )
+        import resource
+
+        limit = resource.getrlimit(resource.RLIMIT_DATA)[0]
+        memory = "the" if limit == resource.RLIM_INFINITY else f"the {limit / 1e9:.2g} GB"
+        return failure(task, "", LOST, f"Its analysis takes more than {memory} of memory of a worker.")
     except Exception as error:  # noqa: BLE001 - a full disk, say: one log must never stop the others
         return failure(task, "", LOST, f"The worker failed: {type(error).__name__}: {printable(error)}.")
-
-
-def _memory_words() -> str:
-    """Say how much memory this process may take."""
-    import resource
-
-    limit = resource.getrlimit(resource.RLIMIT_DATA)[0]
-    return "the" if limit == resource.RLIM_INFINITY else f"the {limit / 1e9:.2g} GB"
 
 
 def _analyze(task: Task, path: Path, sha256: str) -> Outcome:

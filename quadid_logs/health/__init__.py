@@ -73,13 +73,8 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
 
     Parameters
     ----------
-    prepared : Prepared
     data : FlightData
         What was cut of it: its flights are looked at.
-
-    Returns
-    -------
-    Health
     """
     intervals = data.flights
     reason = _nothing_to_judge(prepared, data)
@@ -183,17 +178,7 @@ def _standstill(prepared: Prepared, sent: Commanded | None, part: Interval) -> S
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def faults_of(prepared: Prepared, data: FlightData) -> Health:
-    """Search for faults of rotors and sensors alone: what a fleet asks of each flight.
-
-    Parameters
-    ----------
-    prepared : Prepared
-    data : FlightData
-
-    Returns
-    -------
-    Health
-    """
+    """Search for faults of rotors and sensors alone: what a fleet asks of each flight."""
     intervals = data.flights
     sent = commanded_thrust(prepared)
     standstill = _standstill(prepared, sent, _since_the_flight_before(prepared, intervals))

@@ -37,8 +37,6 @@ def find_battery(
 
     Parameters
     ----------
-    voltage : CleanSeries
-    throttle : CleanSeries or None
     intervals : sequence of (start_s, end_s)
         Of flight.
 
@@ -53,13 +51,16 @@ def find_battery(
         return None
     if not np.ptp(record.values) > 0.0:  # a sensor that is not there
         return None
-    n_mean = max(1, round(_MEAN_S * record.time_s.size / max(_flown_s(record), _MEAN_S)))
+    # The time that the samples cover, without pauses [s].
+    steps = np.diff(record.time_s)
+    flown_s = float(steps[steps <= 5.0 * np.median(steps)].sum())
+    n_mean = max(1, round(_MEAN_S * record.time_s.size / max(flown_s, _MEAN_S)))
     n_means = record.time_s.size // n_mean
     means = record.values[: n_means * n_mean, 0].reshape(n_means, n_mean).mean(axis=1)
     start, lowest = float(means[0]), float(means.min())
     # The number of cells, 0 where more than one number fits.
     highest_v = float(means.max())
-    fitting = _fitting(highest_v)
+    fitting = [n for n in _CELLS if _CELL_V[0] <= highest_v / n <= _CELL_V[1]]
     n_cells = fitting[0] if len(fitting) == 1 else 0
     sag = None if throttle is None else _sag(record, throttle)
     # What neither falls nor sags, at a voltage of no battery, is an input that was left open.
@@ -80,16 +81,6 @@ def find_battery(
         time_s=short.time_s,
         voltage=short.values[:, 0],
     )
-
-
-def _flown_s(record: Record) -> float:
-    """Return the time that the samples cover, without pauses [s]."""
-    steps = np.diff(record.time_s)
-    return float(steps[steps <= 5.0 * np.median(steps)].sum())
-
-
-def _fitting(highest_v: float) -> list[int]:
-    return [n for n in _CELLS if _CELL_V[0] <= highest_v / n <= _CELL_V[1]]
 
 
 def _sag(record: Record, throttle: CleanSeries) -> Quantity | None:

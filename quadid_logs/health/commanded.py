@@ -37,14 +37,7 @@ class Commanded(NamedTuple):
 def commanded_thrust(prepared: Prepared) -> Commanded | None:
     """Return what each rotor was sent as a thrust, not what measured speeds say that it gave.
 
-    Parameters
-    ----------
-    prepared : Prepared
-
-    Returns
-    -------
-    Commanded or None
-        None where frame or outputs are not known.
+    None where frame or outputs are not known.
     """
     model = prepared.log.torque
     if model is None or model.n_rotors < _FEWEST_ROTORS or len(model.position) != model.n_rotors:

@@ -52,13 +52,10 @@ def find_desync(
 
     Parameters
     ----------
-    sent : CleanSeries
     place : ndarray, shape (n_rotors, 3)
         As of `Commanded`.
-    rate : CleanSeries
     force : CleanSeries or None
         Specific force [m/s^2]: what touches the ground or hits something turns as suddenly, but is pushed.
-    intervals : sequence of (start_s, end_s)
 
     Returns
     -------
@@ -83,13 +80,22 @@ def find_desync(
         means = _means(y - torque, width, hop)
         # The trim is no loss: against the median of the part.
         left = means - np.median(means, axis=0)
+        # The acceleration that inertia and another lag than is assumed may make, (n, 3).
+        lately = np.abs(torque - torque[np.maximum(np.arange(len(torque)) - width, 0)])
+        values = _means(
+            np.asarray(np.abs(rates[:, [1, 2, 0]] * rates[:, [2, 0, 1]]) + lately, dtype=np.float64),
+            width,
+            hop,
+        )
         parts.append(
             _Windows(
                 _means(time_s[:, np.newaxis], width, hop)[:, 0],
                 left,
                 _spread_before(left, hop * moved.period_s),
                 _means(x, width, hop),
-                _before(_means(_unmodelled(rates, torque, width), width, hop), 2 * width // hop),
+                np.asarray(
+                    values[np.maximum(np.arange(len(values)) - (2 * width // hop), 0)], dtype=np.float64
+                ),
             )
         )
     if sum(len(one.time_s) for one in parts) < _FEWEST:
@@ -112,20 +118,6 @@ class _Windows(NamedTuple):
     spread: FloatArray
     thrust: FloatArray
     unmodelled: FloatArray
-
-
-def _unmodelled(rates: FloatArray, torque: FloatArray, width: int) -> FloatArray:
-    """Return the acceleration that inertia and another lag than is assumed may make, (n, 3).
-
-    No body has (Jy - Jz) / Jx above one. What was sent within a window may act at its end alone.
-    """
-    sent = np.abs(torque - torque[np.maximum(np.arange(len(torque)) - width, 0)])
-    return np.asarray(np.abs(rates[:, [1, 2, 0]] * rates[:, [2, 0, 1]]) + sent, dtype=np.float64)
-
-
-def _before(values: FloatArray, steps: int) -> FloatArray:
-    """Return what was so many steps earlier."""
-    return np.asarray(values[np.maximum(np.arange(len(values)) - steps, 0)], dtype=np.float64)
 
 
 def _spread_before(left: FloatArray, step_s: float) -> FloatArray:

@@ -51,13 +51,8 @@ def motion(
     ----------
     sent, rate : CleanSeries
         A column for each rotor, and the body rates [rad/s].
-    intervals : sequence of (start_s, end_s)
     slowest_hz : float
         Slower logs show too little.
-
-    Returns
-    -------
-    Motion or None
     """
     found, period_s = records([rate, sent], intervals)
     if not found or not period_s * slowest_hz < 1.01:
@@ -94,11 +89,8 @@ def find_effectiveness(
 
     Parameters
     ----------
-    sent : CleanSeries
     place : ndarray, shape (n_rotors, 3)
         As of `Commanded`.
-    rate : CleanSeries
-    intervals : sequence of (start_s, end_s)
 
     Returns
     -------

@@ -107,15 +107,7 @@ def find_motors(
 def motor_names(torque: TorqueModel | None, n_motors: int) -> tuple[str, ...]:
     """Return each motor's number and its place.
 
-    Parameters
-    ----------
-    torque : TorqueModel or None
-    n_motors : int
-
-    Returns
-    -------
-    tuple of str
-        "motor 1 (front right)" and the like.
+    "motor 1 (front right)" and the like.
     """
     if torque is None or torque.n_rotors != n_motors or torque.position.shape[0] != n_motors:
         return tuple(f"motor {n + 1}" for n in range(n_motors))

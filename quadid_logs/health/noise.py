@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import GyroSpectrum, Line, LineSource, Map, Noise
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.health.records import records
@@ -70,7 +70,6 @@ def find_noise(
     ----------
     rates : sequence of CleanSeries
         Every source of the body rates.
-    setpoint, throttle, rotor_speed : CleanSeries or None
     intervals : sequence of (start_s, end_s)
         Of flight.
     oscillations_hz : mapping of str to sequence of float
@@ -87,7 +86,7 @@ def find_noise(
     if not shown:
         return None
     # Lines are looked for where the filters have not yet taken them away, if that is as fast.
-    best = max(shown, key=lambda name: (_reach(shown[name]), name == "before"))
+    best = max(shown, key=lambda name: (float(shown[name].frequency_hz[-1]), name == "before"))
     series, main = (before if best == "before" else after), shown[best]
     if series is None:
         return None
@@ -98,7 +97,8 @@ def find_noise(
     commanded = np.zeros((main.frequency_hz.size, len(AXES)), dtype=np.bool_)
     if setpoint is not None:
         commanded = is_commanded(main, setpoint, intervals)
-    level = _throttle(throttle, main)
+    means = _in_windows(throttle, main)
+    level = None if means is None else means[:, 0]
     speeds = _rotor_hz(rotor_speed, main)
     notches = after.gyro_filter if after is not None else series.gyro_filter
     lines = {
@@ -112,7 +112,11 @@ def find_noise(
     }
     lines = _alike(lines, float(main.frequency_hz[1]))
     folded = may_be_folded(series)
-    in_lines = _part_in_lines(lines, main)
+    # Which part of the gyro's power above commands' frequencies its lines hold there.
+    fast = main.frequency_hz > COMMANDED_HZ
+    power = float(main.mean[fast].sum()) * float(main.frequency_hz[1])
+    held = sum(line.rms**2 for found in lines.values() for line in found if line.frequency_hz > COMMANDED_HZ)
+    in_lines = min(held / power, 1.0) if power > 0.0 else 0.0
     return Noise(
         sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any()), in_lines),
         judged=bool(searched.any()) and in_lines <= 0.5,
@@ -151,10 +155,6 @@ def may_be_folded(series: CleanSeries) -> bool:
     """Tell whether vibration above half the log's rate can stand below it: no filter known to end it."""
     cutoff_hz = series.gyro_filter.low_pass_hz
     return not 0.5 * series.rate_hz > _CUT_OFFS * cutoff_hz
-
-
-def _reach(spectra: Periodograms) -> float:
-    return float(spectra.frequency_hz[-1])
 
 
 def _fastest(sources: Iterable[CleanSeries]) -> CleanSeries | None:
@@ -200,11 +200,6 @@ def _in_windows(series: CleanSeries | None, spectra: Periodograms) -> FloatArray
             step = max(1, (end - begin) // _MOST_PER_WINDOW)
             medians[window] = np.median(series.of_rows(slice(begin, end, step)), axis=0)
     return medians
-
-
-def _throttle(series: CleanSeries | None, spectra: Periodograms) -> FloatArray | None:
-    means = _in_windows(series, spectra)
-    return None if means is None else means[:, 0]
 
 
 def _rotor_hz(series: CleanSeries | None, spectra: Periodograms) -> FloatArray | None:
@@ -271,7 +266,11 @@ def _sourced(line: Line, all_hz: Sequence[float], flown: _Flown, oscillations_hz
         error_hz = max(harmonic, 1) * float(spectra.frequency_hz[1])
         if abs(line.frequency_hz - harmonic * oscillation_hz) <= error_hz:
             return replace(line, source=LineSource.LOOP, harmonic=harmonic)
-    near = _followed(line.frequency_hz, all_hz, spectra.frequency_hz)
+    # The places where a line is followed: no further than halfway to the next one, stronger there.
+    line_hz = line.frequency_hz
+    low = max([(1.0 - _NEAR) * line_hz, *(0.5 * (one + line_hz) for one in all_hz if one < line_hz)])
+    high = min([(1.0 + _NEAR) * line_hz, *(0.5 * (one + line_hz) for one in all_hz if one > line_hz)])
+    near = np.flatnonzero((spectra.frequency_hz > low) & (spectra.frequency_hz < high))
     density = spectra.density[:, near, flown.column]
     peaks = spectra.frequency_hz[near[np.argmax(density, axis=1)]]
     if flown.speeds is not None:
@@ -283,13 +282,6 @@ def _sourced(line: Line, all_hz: Sequence[float], flown: _Flown, oscillations_hz
         )
         return replace(line, source=LineSource.ROTOR, harmonic=harmonic) if harmonic else line
     return replace(line, source=_by_throttle(line, peaks, flown.throttle))
-
-
-def _followed(line_hz: float, all_hz: Sequence[float], frequency_hz: FloatArray) -> IntArray:
-    """Return the places where a line is followed: no further than halfway to the next one, stronger there."""
-    low = max([(1.0 - _NEAR) * line_hz, *(0.5 * (one + line_hz) for one in all_hz if one < line_hz)])
-    high = min([(1.0 + _NEAR) * line_hz, *(0.5 * (one + line_hz) for one in all_hz if one > line_hz)])
-    return np.flatnonzero((frequency_hz > low) & (frequency_hz < high))
 
 
 def _harmonic(line_hz: float, peaks: FloatArray, near_hz: FloatArray, speeds: FloatArray) -> int:
@@ -404,14 +396,6 @@ def source_words(line: Line) -> str:
         LineSource.FOLLOWS_THROTTLE: "it rises with the throttle, as a rotor's does",
     }
     return words.get(line.source, "")
-
-
-def _part_in_lines(lines: Mapping[str, tuple[Line, ...]], spectra: Periodograms) -> float:
-    """Return which part of the gyro's power above commands' frequencies its lines hold there."""
-    fast = spectra.frequency_hz > COMMANDED_HZ
-    power = float(spectra.mean[fast].sum()) * float(spectra.frequency_hz[1])
-    held = sum(line.rms**2 for found in lines.values() for line in found if line.frequency_hz > COMMANDED_HZ)
-    return min(held / power, 1.0) if power > 0.0 else 0.0
 
 
 def _sentence(

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
-from quadid_logs.data.health import AxisOscillation, Line, LineSource, OscillatingLoop, Oscillation
+from quadid_logs.data.health import AxisOscillation, LineSource, OscillatingLoop, Oscillation
 from quadid_logs.health.noise import LOOPS_END_HZ, LOWEST_HZ, is_commanded, may_be_folded
 from quadid_logs.health.records import records
 from quadid_logs.health.spectra import Periodograms, find_lines, periodograms
@@ -41,7 +41,6 @@ def find_oscillation(
     ----------
     rate, setpoint, output : CleanSeries
         Of the rate controller, three columns each.
-    rotor_speed : CleanSeries or None
     intervals : sequence of (start_s, end_s)
         Of flight.
     rate_loop : bool
@@ -68,6 +67,7 @@ def find_oscillation(
     commanded = is_commanded(
         spectra._replace(density=spectra.density[:, :, : len(AXES)]), setpoint, intervals
     )
+    step_hz = float(frequency_hz[1])
     found = []
     for column, axis in enumerate(AXES):
         free = searched & ~commanded[:, column]
@@ -78,14 +78,14 @@ def find_oscillation(
                 axis=axis,
                 line=replace(line, source=LineSource.LOOP),
                 setpoint_share=_share(spectra, setpoint, intervals, column, line.frequency_hz),
-                power_share=line.rms**2 / (float(spectra.mean[:, column].sum()) * float(frequency_hz[1])),
+                power_share=line.rms**2 / (float(spectra.mean[:, column].sum()) * step_hz),
                 rate_loop=rate_loop,
             )
             for line in in_rate
-            if line.share >= _LASTS and _is_among(line, in_output, float(frequency_hz[1]))
+            if line.share >= _LASTS
+            and any(abs(line.frequency_hz - one.frequency_hz) <= _SAME_BINS * step_hz for one in in_output)
         ]
     found.sort(key=lambda one: -one.line.rms)
-    step_hz = float(frequency_hz[1])
     found = [
         replace(one, overtone=_is_overtone(one, found[:place], step_hz)) for place, one in enumerate(found)
     ]
@@ -127,10 +127,6 @@ def _share(
         near = np.abs(one.frequency_hz - frequency_hz) <= _LOBES * step_hz
         sizes.append(float(one.mean[near, column].sum()) * step_hz)
     return float(np.sqrt(sizes[0] / sizes[1])) if sizes[1] > 0.0 else 0.0
-
-
-def _is_among(line: Line, others: Sequence[Line], step_hz: float) -> bool:
-    return any(abs(line.frequency_hz - one.frequency_hz) <= _SAME_BINS * step_hz for one in others)
 
 
 def _lowest_rotor_hz(series: CleanSeries | None, intervals: Sequence[Interval]) -> float:

@@ -53,8 +53,6 @@ def find_shaking(
         Every source of the body rates.
     speed : CleanSeries or None
         Of each rotor [rad/s].
-    n_rotors : int
-    intervals : sequence of (start_s, end_s)
 
     Returns
     -------

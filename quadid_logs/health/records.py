@@ -40,7 +40,6 @@ def records(
     ----------
     several : sequence of CleanSeries
         At least one.
-    intervals : sequence of (start_s, end_s)
     most : int
         Samples in all.
     shortest_s : float
@@ -124,16 +123,7 @@ def _on_grid(series: CleanSeries, grid: FloatArray) -> Iterator[FloatArray]:
 def in_flight(series: CleanSeries, intervals: Sequence[Interval], most: int = MOST_SAMPLES) -> Record:
     """Return the samples of a series that lie in the intervals, every n-th of very many, not resampled.
 
-    Parameters
-    ----------
-    series : CleanSeries
-    intervals : sequence of (start_s, end_s)
-    most : int
-
-    Returns
-    -------
-    Record
-        Its times are not uniform.
+    Its times are not uniform.
     """
     slices = [series.within(*interval) for interval in intervals]
     step = max(1, -(-sum(one.stop - one.start for one in slices) // most))
@@ -147,17 +137,7 @@ def in_flight(series: CleanSeries, intervals: Sequence[Interval], most: int = MO
 
 
 def averaged(record: Record, most: int = 600) -> Record:
-    """Return averages over short times, at most ``most`` of them, of a record that may have pauses.
-
-    Parameters
-    ----------
-    record : Record
-    most : int
-
-    Returns
-    -------
-    Record
-    """
+    """Return averages over short times, at most ``most`` of them, of a record that may have pauses."""
     n_samples = record.time_s.size
     if n_samples <= most:
         return record

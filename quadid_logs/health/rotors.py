@@ -74,7 +74,6 @@ def find_rotors(prepared: Prepared, sent: Commanded | None, intervals: Sequence[
 
     Parameters
     ----------
-    prepared : Prepared
     sent : Commanded or None
         As of `commanded_thrust`.
     intervals : sequence of (start_s, end_s)
@@ -115,12 +114,33 @@ def find_rotors(prepared: Prepared, sent: Commanded | None, intervals: Sequence[
         prepared.candidates.get("body_rate", ()), series.get("rotor_speed"), n_rotors, intervals
     )
     if shaking is not None and shaking.worst >= 0 and shaking.p_value < _OF_EACH:
-        faults.append(_shaking_fault(shaking.size[shaking.worst], shaking.worst, shaking.p_value, names))
+        shown = shaking.size[shaking.worst] or Quantity(float("nan"), "rad/s")
+        faults.append(
+            RotorFault(
+                code=_SHAKES,
+                rotor=shaking.worst,
+                time_s=float("nan"),
+                size=shown,
+                p_value=shaking.p_value,
+                sentence=f"The propeller of {names[shaking.worst]} shakes the gyro at its own speed more "
+                f"than all others together ({np.degrees(shown.value):.2g} deg/s rms).",
+            )
+        )
     force = series.get("specific_force")
     air = _off_ground(intervals)
     desync = None if rate is None else find_desync(sent.series, sent.place, rate, force, air)
     if desync is not None and desync.rotor >= 0 and desync.p_value < _OF_EACH:
-        faults.append(_desync_fault(desync.rotor, desync.time_s, desync.p_value, names))
+        faults.append(
+            RotorFault(
+                code=_DESYNC,
+                rotor=desync.rotor,
+                time_s=desync.time_s,
+                size=Quantity(0.5, "1", (0.5, 1.0)),
+                p_value=desync.p_value,
+                sentence=f"{names[desync.rotor].capitalize()} lost half of its thrust or more for a moment, "
+                f"at {desync.time_s:.1f} s.",
+            )
+        )
     faults.sort(key=lambda one: (one.code == _MASS, one.p_value))
     allowed = {
         _LOST: any(change is not None for change in changes),
@@ -291,6 +311,9 @@ def _lost(
         if fit is None or not fit.yaw_agrees or not _is_the_rotor(fit, balances, sent, rate, change):
             continue
         time_s = float(balances.time_s[change.before.stop - 1])
+        begin = float(balances.time_s[change.before.stop - 1])
+        end = float(balances.time_s[min(change.after.start, len(balances.time_s) - 1)])
+        when = f"at about {begin:.0f} s" if end - begin < 2.0 else f"between {begin:.0f} and {end:.0f} s"
         yield RotorFault(
             code=_LOST,
             rotor=fit.rotor,
@@ -298,7 +321,7 @@ def _lost(
             size=_loss(fit.gives),
             p_value=p_value,
             sentence=f"{names[fit.rotor].capitalize()} lost {_percent(_loss(fit.gives))} of its thrust in "
-            f"flight, {_when(balances, change)}.",
+            f"flight, {when}.",
         )
         return
 
@@ -517,31 +540,6 @@ def _mass_fault(offset: _Offset) -> RotorFault:
     )
 
 
-def _shaking_fault(size: Quantity | None, rotor: int, p_value: float, names: Sequence[str]) -> RotorFault:
-    shown = size or Quantity(float("nan"), "rad/s")
-    return RotorFault(
-        code=_SHAKES,
-        rotor=rotor,
-        time_s=float("nan"),
-        size=shown,
-        p_value=p_value,
-        sentence=f"The propeller of {names[rotor]} shakes the gyro at its own speed more than all others "
-        f"together ({np.degrees(shown.value):.2g} deg/s rms).",
-    )
-
-
-def _desync_fault(rotor: int, time_s: float, p_value: float, names: Sequence[str]) -> RotorFault:
-    return RotorFault(
-        code=_DESYNC,
-        rotor=rotor,
-        time_s=time_s,
-        size=Quantity(0.5, "1", (0.5, 1.0)),
-        p_value=p_value,
-        sentence=f"{names[rotor].capitalize()} lost half of its thrust or more for a moment, at "
-        f"{time_s:.1f} s.",
-    )
-
-
 def _thrust_change(balances: _Balances, force: CleanSeries | None) -> Quantity | None:
     """Return thrust for a unit of command at the end of the flight over that at the beginning."""
     if force is None or force.n_columns < 3:
@@ -566,12 +564,6 @@ def _thrust_change(balances: _Balances, force: CleanSeries | None) -> Quantity |
 def _percent(size: Quantity) -> str:
     low, high = size.ci95 or (size.value, size.value)
     return f"{plus_minus(100.0 * abs(size.value), 50.0 * (high - low))} %"
-
-
-def _when(balances: _Balances, change: Change) -> str:
-    begin = float(balances.time_s[change.before.stop - 1])
-    end = float(balances.time_s[min(change.after.start, len(balances.time_s) - 1)])
-    return f"at about {begin:.0f} s" if end - begin < 2.0 else f"between {begin:.0f} and {end:.0f} s"
 
 
 def _sentence(faults: Sequence[RotorFault], changes: Sequence[Change | None], place: FloatArray) -> str:

@@ -70,8 +70,6 @@ def periodograms(
 
     Parameters
     ----------
-    found : sequence of Record
-    period_s : float
     windows_s : sequence of float
         Lengths of windows; the first one of which there are enough is taken.
 
@@ -115,8 +113,6 @@ def find_lines(
 
     Parameters
     ----------
-    spectra : Periodograms
-    column : int
     searched : ndarray of bool, shape (n_frequencies,)
         Where lines may be.
     n_searches : int
@@ -205,13 +201,10 @@ def _shapes() -> tuple[FloatArray, FloatArray]:
     away = _SHIFT * np.arange(round((_FITTED + _FARTHEST) / _SHIFT) + 1)
     quantiles = np.tan(np.pi * ((np.arange(_PARTS) + 0.5) / _PARTS - 0.5))
     parts = away[np.newaxis, :, np.newaxis] - np.array(_WIDTHS)[:, np.newaxis, np.newaxis] * quantiles
-    return shift, np.asarray((_hann(parts) ** 2).mean(axis=2), dtype=np.float64)
-
-
-def _hann(away: FloatArray) -> FloatArray:
-    """Return what a Hann window shows of a sine so many bins away, over what it shows of one on the bin."""
-    beside = 0.5 * (np.sinc(away - 1.0) + np.sinc(away + 1.0))
-    return np.asarray(np.sinc(away) + beside, dtype=np.float64)
+    # What a Hann window shows of a sine so many bins away, over what it shows of one on the bin.
+    beside = 0.5 * (np.sinc(parts - 1.0) + np.sinc(parts + 1.0))
+    seen = (np.sinc(parts) + beside) ** 2
+    return shift, np.asarray(seen.mean(axis=2), dtype=np.float64)
 
 
 def _around(values: FloatArray) -> FloatArray:

@@ -86,7 +86,6 @@ def find_responses(
 
     Parameters
     ----------
-    rate, setpoint : CleanSeries
     intervals : sequence of (start_s, end_s)
         Of flight.
 

@@ -9,7 +9,6 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
-from quadid_logs.arrays import FloatArray
 from quadid_logs.data.health import Level, Quantity, Vibration
 from quadid_logs.health.records import Record, averaged, in_flight, records
 from quadid_logs.numerals import number
@@ -153,8 +152,9 @@ def _shaking(series: CleanSeries, intervals: Sequence[Interval]) -> Record | Non
 
 def _clips(counts: Sequence[CleanSeries], intervals: Sequence[Interval]) -> Quantity | None:
     """Return how many samples were clipped in flight, of the sensor with most."""
+    # By how much counters rose; one that starts again counts from there.
     found = [
-        float(_rise(values).max())
+        float(np.clip(np.diff(values, axis=0), 0.0, None).sum(axis=0).max())
         for one in counts
         for interval in intervals
         if len(values := one.of_rows(one.within(*interval))) >= 2
@@ -178,11 +178,6 @@ def _at_the_end(force: CleanSeries | None, intervals: Sequence[Interval]) -> Qua
         return None
     clipped = int(np.count_nonzero((values >= highest * (1.0 - _SAME_STEP)).any(axis=1)))
     return Quantity(float(clipped), "1", normal=(0.0, _MOST_CLIPS)) if clipped >= _FEWEST else None
-
-
-def _rise(counts: FloatArray) -> FloatArray:
-    """Return by how much counters rose; one that starts again counts from there."""
-    return np.asarray(np.clip(np.diff(counts, axis=0), 0.0, None).sum(axis=0), dtype=np.float64)
 
 
 def _sentence(measured: _Measured, value: float, column: str, clips: Quantity | None) -> str:

@@ -60,7 +60,6 @@ class BlockStream:
         ----------
         number : int
             From 0.
-        data : bytes
         now_s : float
             On a monotonic clock.
         """

@@ -109,10 +109,6 @@ class Logs:
     def since(self, day: datetime) -> tuple[RemoteLog, ...]:
         """Return the logs of a day and later.
 
-        Parameters
-        ----------
-        day : datetime
-
         Raises
         ------
         SettingsError
@@ -136,16 +132,10 @@ class Logs:
 
         Parameters
         ----------
-        log : RemoteLog
-        folder : Path
         force : bool
             Whether a file of that name may be replaced.
         tell : callable
             Called with the bytes that are there.
-
-        Returns
-        -------
-        Fetched
 
         Raises
         ------
@@ -207,7 +197,12 @@ class Logs:
         theirs = self._files.checksum(log.path, log.size)
         if theirs is None:
             return False
-        if _checksum(file) == theirs:
+        # The CRC-32 with start 0 and no final inversion, as the protocol's.
+        file.seek(0)
+        crc = 0xFFFFFFFF
+        while block := file.read(_BLOCK):
+            crc = zlib.crc32(block, crc)
+        if (crc ^ 0xFFFFFFFF) == theirs:
             return True
         if self._files.size(log.path) != log.size:
             return False
@@ -342,15 +337,6 @@ def _opened(part: Path) -> Iterator[BinaryIO]:
         yield file
         file.flush()
         os.fsync(number)
-
-
-def _checksum(file: BinaryIO) -> int:
-    """Return the CRC-32 with start 0 and no final inversion, as the protocol's."""
-    file.seek(0)
-    crc = 0xFFFFFFFF
-    while block := file.read(_BLOCK):
-        crc = zlib.crc32(block, crc)
-    return crc ^ 0xFFFFFFFF
 
 
 def _with_ending(name: str, part: Path) -> str:

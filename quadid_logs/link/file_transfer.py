@@ -66,10 +66,6 @@ class FileTransfer:
     def listing(self, folder: str) -> list[Entry] | None:
         """Return what is in a folder, None where there is none, or no file transfer.
 
-        Parameters
-        ----------
-        folder : str
-
         Raises
         ------
         LinkError
@@ -102,8 +98,6 @@ class FileTransfer:
 
         Parameters
         ----------
-        path : str
-        file : binary file
         size : int
             As listed; what the vehicle sends beyond is left out.
         tell : callable
@@ -134,7 +128,6 @@ class FileTransfer:
 
         Parameters
         ----------
-        path : str
         size : int
             Says how long the vehicle may take [bytes].
         """

@@ -138,7 +138,6 @@ class Recorder:
 
         Parameters
         ----------
-        done : threading.Event
         tell : callable
             Called with a sentence where something happens.
 

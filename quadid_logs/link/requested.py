@@ -17,10 +17,6 @@ _MOST_DATA: Final = 90
 def requested_logs(vehicle: Vehicle) -> dict[int, tuple[int, int]]:
     """Return size [bytes] and time (UTC) [s], 0 where unknown, of each log by its number.
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-
     Raises
     ------
     LinkError

@@ -43,8 +43,6 @@ def receive(
 
     Parameters
     ----------
-    vehicle : Vehicle
-    source : Source
     file : binary file
         At its end: the bytes that are there already.
     size : int

@@ -25,13 +25,8 @@ def begins_log(data: bytes, first: int) -> bool:
 
     Parameters
     ----------
-    data : bytes
     first : int
         Where in it the first message begins.
-
-    Returns
-    -------
-    bool
     """
     return first == 0 and data.startswith(HEADER_MAGIC)
 
@@ -65,7 +60,6 @@ class ULogStream:
         ----------
         number : int
             Counts frames; after 65535 comes 0.
-        data : bytes
         first : int
             Where in it the first message begins.
         now_s : float

@@ -40,10 +40,6 @@ class Patience:
 def device_of(address: str) -> tuple[str, int]:
     """Return an address as pymavlink writes it, and the baud rate.
 
-    Parameters
-    ----------
-    address : str
-
     Returns
     -------
     device : str

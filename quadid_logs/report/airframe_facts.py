@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from quadid_logs.data.log import FlightLog
-from quadid_logs.data.torque import MixerCheck, TorqueModel
+from quadid_logs.data.torque import TorqueModel
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.report.numbers import number, percent
 from quadid_logs.untrusted import printable
@@ -33,10 +33,26 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
         )
     facts = [("Airframe", frame)]
     if model.n_rotors:
-        facts.append(("Motors", _motors(model)))
+        unit = "m" if model.position_unit == "m" else "arms"
+        spin = {1.0: "ccw", -1.0: "cw", 0.0: "?"}
+        each = []
+        for number_of in range(model.n_rotors):
+            forward, right = (f"{float(value):+.2f}" for value in model.position[number_of, :2])
+            output = f" out {model.channels[number_of]}" if model.channels else ""
+            each.append(f"{number_of + 1}:{output} ({forward}, {right}) {spin[float(model.spin[number_of])]}")
+        source = f"; outputs by {printable(model.channel_source, 80)}" if model.channel_source else ""
+        placed = f"{', '.join(each)} [{unit} to front, right]{source}"
+        facts.append(("Motors", placed))
         facts.append(("Scale", _calibration(model)))
     if model.check is not None:
-        facts.append(("Mixer", _check(model.check)))
+        facts.append(
+            (
+                "Mixer",
+                f"recomputed pulse widths miss the logged ones by {model.check.mean_us:.2f} µs in the mean, "
+                f"{model.check.std_us:.2f} µs rms ({model.check.n_samples} unsaturated rows; air density: "
+                f"{printable(model.check.density, 60)})",
+            )
+        )
     # Say how often each axis got less than was commanded, "" where that is not known.
     fractions = zip(AXES, model.saturated_fraction, strict=True)
     saturation = ", ".join(
@@ -48,19 +64,6 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
         facts.append(("Rotor rpm", printable(model.rotor_speed, 160)))
     remarks = [printable(remark, 400) for remark in model.remarks]
     return facts + [("Remark", remark) for remark in dict.fromkeys(remarks)]
-
-
-def _motors(model: TorqueModel) -> str:
-    """Say where each motor is, how it turns, and its output."""
-    unit = "m" if model.position_unit == "m" else "arms"
-    spin = {1.0: "ccw", -1.0: "cw", 0.0: "?"}
-    each = []
-    for number_of in range(model.n_rotors):
-        forward, right = (f"{float(value):+.2f}" for value in model.position[number_of, :2])
-        output = f" out {model.channels[number_of]}" if model.channels else ""
-        each.append(f"{number_of + 1}:{output} ({forward}, {right}) {spin[float(model.spin[number_of])]}")
-    source = f"; outputs by {printable(model.channel_source, 80)}" if model.channel_source else ""
-    return f"{', '.join(each)} [{unit} to front, right]{source}"
 
 
 def _calibration(model: TorqueModel) -> str:
@@ -88,12 +91,3 @@ def _calibration(model: TorqueModel) -> str:
 
 def _needs(model: TorqueModel) -> str:
     return f"pass with --vehicle: {', '.join(printable(need, 120) for need in model.needs)}"
-
-
-def _check(check: MixerCheck) -> str:
-    """Say how well the recomputed pulse widths meet the logged ones."""
-    return (
-        f"recomputed pulse widths miss the logged ones by {check.mean_us:.2f} µs in the mean, "
-        f"{check.std_us:.2f} µs rms ({check.n_samples} unsaturated rows; air density: "
-        f"{printable(check.density, 60)})"
-    )

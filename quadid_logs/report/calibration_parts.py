@@ -18,7 +18,6 @@ def calibration_half_width(parameter: Parameter, given: InputDescription | None)
     ----------
     parameter : Parameter
         An element of B.
-    given : InputDescription or None
 
     Returns
     -------
@@ -35,16 +34,8 @@ def calibration_half_width(parameter: Parameter, given: InputDescription | None)
 def flight_interval(parameter: Parameter, given: InputDescription | None) -> tuple[float, float]:
     """Return the interval without the calibration's part: what this flight knows of the effect of a command.
 
-    Parameters
-    ----------
-    parameter : Parameter
-    given : InputDescription or None
-
-    Returns
-    -------
-    tuple of float
-        The 95 % interval [low, high] that holds between flights with the same
-        calibration. Both parts are independent: their squares add up to the whole.
+    The 95 % interval [low, high] that holds between flights with the same calibration. Both parts are
+    independent: their squares add up to the whole.
     """
     spread = calibration_half_width(parameter, given)
     low, high = (

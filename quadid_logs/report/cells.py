@@ -29,16 +29,7 @@ class Table:
 
 
 def estimated_cell(figure: Estimated | None) -> Cell:
-    """Return a figure with its 95 % interval below; a dash where it is not known.
-
-    Parameters
-    ----------
-    figure : Estimated or None
-
-    Returns
-    -------
-    Cell
-    """
+    """Return a figure with its 95 % interval below; a dash where it is not known."""
     if figure is None:
         return Cell(text="–")
     return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95))

@@ -19,7 +19,6 @@ from quadid_logs.data.promise import (
     Promise,
     QuantityKind,
     VehicleCheck,
-    WeakRotor,
 )
 from quadid_logs.data.result import Result
 from quadid_logs.report.commands import on_log
@@ -57,30 +56,20 @@ _MOST_NAMED: Final = 6
 _WEAK_ROTOR: Final = "QL430"
 
 
-def _headline(found: Check) -> str:
-    """Say what became of the promise; where other gains flew and nothing is worse, nothing tested it."""
-    tested = any(one.held is Held.WORSE for one in found.axes.values()) or bool(found.vehicle_changes)
-    if found.outcome is Outcome.BROKEN and not tested:
-        return "other gains flew than the promised ones"
-    return _HEADLINES[found.outcome]
-
-
 def check_lines(promise: Promise, after: Result, found: Check) -> tuple[str, ...]:
     """Return a check as lines for people.
 
-    Parameters
-    ----------
-    promise : Promise
-    after : Result
-    found : Check
-
-    Returns
-    -------
-    tuple of str
-        Lines without control characters, whatever log and file hold.
+    Lines without control characters, whatever log and file hold.
     """
     name = printable(PurePath(after.log.path).name, 80)
-    lines = [f"{name} against the promise of {printable(promise.log, 80)}: {_headline(found)}"]
+    # Where other gains flew and nothing is worse, nothing tested the promise.
+    tested = any(one.held is Held.WORSE for one in found.axes.values()) or bool(found.vehicle_changes)
+    headline = (
+        "other gains flew than the promised ones"
+        if found.outcome is Outcome.BROKEN and not tested
+        else _HEADLINES[found.outcome]
+    )
+    lines = [f"{name} against the promise of {printable(promise.log, 80)}: {headline}"]
     if found.obstacle is not None:
         lines.append(f"  {_obstacle_words(promise, after, found.obstacle)}")
     else:
@@ -128,7 +117,15 @@ def _details(one: AxisCheck) -> Iterator[str]:
     """Yield the figures of an axis, or the parameters that flew with other values."""
     for figure in one.figures:
         if figure.differs or figure.name in _ALWAYS:
-            yield _figure_words(figure)
+            words, unit = _FIGURES[figure.name]
+            measured, promised_text = (
+                f"{estimate(each.value, *each.ci95)} {unit}".rstrip()
+                for each in (figure.measured, figure.promised)
+            )
+            judged = ""
+            if figure.differs:
+                judged = ": better" if figure.gain > 0 else ": worse"
+            yield f"{words} {measured}, promised {promised_text}{judged}"
     if one.obstacle is not Obstacle.OTHER_GAINS:
         return
     for name, (promised, flown) in list(one.other_gains.items())[:_MOST_NAMED]:
@@ -136,17 +133,6 @@ def _details(one: AxisCheck) -> Iterator[str]:
         yield f"{printable(name, 60)} {value}, promised {exact(promised)}"
     if len(one.other_gains) > _MOST_NAMED:
         yield f"and {len(one.other_gains) - _MOST_NAMED} more"
-
-
-def _figure_words(figure: FigureCheck) -> str:
-    words, unit = _FIGURES[figure.name]
-    measured, promised = (
-        f"{estimate(each.value, *each.ci95)} {unit}".rstrip() for each in (figure.measured, figure.promised)
-    )
-    judged = ""
-    if figure.differs:
-        judged = ": better" if figure.gain > 0 else ": worse"
-    return f"{words} {measured}, promised {promised}{judged}"
 
 
 def _vehicle_lines(found: Check) -> Iterator[str]:
@@ -219,18 +205,7 @@ def _decision_lines(promise: Promise, after: Result, found: Check) -> Iterator[s
 
 
 def check_text(promise: Promise, after: Result, found: Check) -> str:
-    """Return a check as strict JSON in ASCII.
-
-    Parameters
-    ----------
-    promise : Promise
-    after : Result
-    found : Check
-
-    Returns
-    -------
-    str
-    """
+    """Return a check as strict JSON in ASCII."""
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "log": log_dict(after.log, after.data),
@@ -238,10 +213,33 @@ def check_text(promise: Promise, after: Result, found: Check) -> str:
         "verdict": found.outcome.value,
         "decision": found.decision.value,
         "reason": None if found.obstacle is None else found.obstacle.value,
-        "axes": {axis: _axis_dict(one) for axis, one in found.axes.items()},
+        "axes": {
+            axis: {
+                "verdict": one.held.value,
+                "reason": None if one.obstacle is None else one.obstacle.value,
+                "decision": one.decision.value,
+                "stable": one.stable,
+                "flown": one.flown.value,
+                "other_gains": {
+                    name: {"promised": promised, "flown": flown}
+                    for name, (promised, flown) in one.other_gains.items()
+                },
+                "figures": {
+                    figure.name: _test(figure) | {"better": figure.gain > 0} for figure in one.figures
+                },
+            }
+            for axis, one in found.axes.items()
+        },
         "vehicle": {
             "changed": found.is_other_vehicle,
-            "rotor": _rotor_dict(found.rotor),
+            "rotor": None
+            if found.rotor is None
+            else {
+                "number": found.rotor.rotor + 1,
+                "name": found.rotor.name,
+                "loss": found.rotor.loss.value,
+                "ci95": found.rotor.loss.ci95,
+            },
             "n_cells": {"promised": found.n_cells[0], "measured": found.n_cells[1]},
             "quantities": [
                 {"kind": one.kind.value, "axis": one.axis, "command": one.command, **_test(one)}
@@ -250,27 +248,6 @@ def check_text(promise: Promise, after: Result, found: Check) -> str:
         },
     }
     return strict_text(content)
-
-
-def _rotor_dict(rotor: WeakRotor | None) -> dict[str, Any] | None:
-    if rotor is None:
-        return None
-    return {"number": rotor.rotor + 1, "name": rotor.name, "loss": rotor.loss.value, "ci95": rotor.loss.ci95}
-
-
-def _axis_dict(one: AxisCheck) -> dict[str, Any]:
-    return {
-        "verdict": one.held.value,
-        "reason": None if one.obstacle is None else one.obstacle.value,
-        "decision": one.decision.value,
-        "stable": one.stable,
-        "flown": one.flown.value,
-        "other_gains": {
-            name: {"promised": promised, "flown": flown}
-            for name, (promised, flown) in one.other_gains.items()
-        },
-        "figures": {figure.name: _test(figure) | {"better": figure.gain > 0} for figure in one.figures},
-    }
 
 
 def _test(one: FigureCheck | VehicleCheck) -> dict[str, Any]:

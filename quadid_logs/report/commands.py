@@ -41,64 +41,29 @@ def on_log(result: Result, verb: str, *words: object) -> str:
 
     Parameters
     ----------
-    result : Result
     verb : str
         One of `_TAKES`.
     *words : object
         What else it is given.
-
-    Returns
-    -------
-    str
     """
     return command(verb, named(result.log.path), *_options(result, _TAKES[verb]), *words)
 
 
 def on_next_log(result: Result, verb: str, *words: object) -> str:
-    """Return a command on the log of the next flight of the same vehicle.
-
-    Parameters
-    ----------
-    result : Result
-    verb : str
-    *words : object
-
-    Returns
-    -------
-    str
-    """
+    """Return a command on the log of the next flight of the same vehicle."""
     takes = tuple(name for name in _TAKES[verb] if name not in _OF_THIS_LOG)
     return command(verb, NEXT_LOG, *_options(result, takes), *words)
 
 
 def with_next_log(result: Result) -> str:
-    """Return the comparison of this flight with the next one.
-
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    str
-    """
+    """Return the comparison of this flight with the next one."""
     number = ("--logs", result.settings.log, 0) if result.settings.log else ()
     options = _options(result, _TAKES["compare"])
     return command("compare", named(result.log.path), NEXT_LOG, *number, *options)
 
 
 def filled(text: str, result: Result) -> str:
-    """Return a text with the log in the place of `LOG` in each of its commands.
-
-    Parameters
-    ----------
-    text : str
-    result : Result
-
-    Returns
-    -------
-    str
-    """
+    """Return a text with the log in the place of `LOG` in each of its commands."""
     options = tuple(_options(result, ("--log", *_FIT, *_PART)))
     return _OPEN.sub(lambda match: f"`{on_log(result, match[1])}`", like_log(text, result.log.path, options))
 
@@ -108,14 +73,8 @@ def like_log(text: str, path: str, options: Sequence[object] = ()) -> str:
 
     Parameters
     ----------
-    text : str
-    path : str
     options : sequence of object
         Of the log, each with its values.
-
-    Returns
-    -------
-    str
     """
     words = (named(path), *map(str, options))
     return _LIKE.sub(lambda _match: " ".join(map(quoted, words)), text)

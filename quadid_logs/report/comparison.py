@@ -40,16 +40,7 @@ _MOST_PARAMETERS: Final = 20
 
 
 def headline(comparison: Comparison) -> str:
-    """Return the outcome of a comparison in words, without a full stop.
-
-    Parameters
-    ----------
-    comparison : Comparison
-
-    Returns
-    -------
-    str
-    """
+    """Return the outcome of a comparison in words, without a full stop."""
     if set(comparison.axes.values()) == {"not comparable"}:
         return "these logs do not allow a comparison"
     return _HEADLINES[comparison.verdict]
@@ -58,15 +49,7 @@ def headline(comparison: Comparison) -> str:
 def comparison_lines(before: Result, after: Result, comparison: Comparison) -> tuple[str, ...]:
     """Return the comparison as lines for people.
 
-    Parameters
-    ----------
-    before, after : Result
-    comparison : Comparison
-
-    Returns
-    -------
-    tuple of str
-        Lines without control characters, whatever the logs hold.
+    Lines without control characters, whatever the logs hold.
     """
     names = [printable(PurePath(result.log.path).name, 80) for result in (before, after)]
     lines = [f"{names[0]} -> {names[1]}: {headline(comparison)}"]
@@ -132,14 +115,7 @@ def _sentence(quantity: Quantity) -> str:
 def throttle_note(quantity: Quantity) -> str:
     """Say what another mean throttle may have made of a value, "" where it was the same.
 
-    Parameters
-    ----------
-    quantity : Quantity
-
-    Returns
-    -------
-    str
-        A clause that goes on after a comma.
+    A clause that goes on after a comma.
     """
     change = quantity.throttle_change
     if abs(change) < _LEAST_THROTTLE_CHANGE:
@@ -150,16 +126,7 @@ def throttle_note(quantity: Quantity) -> str:
 
 
 def change_words(quantity: Quantity) -> str:
-    """Return by how much a quantity differs; one that has come nearer to zero by a negative percentage.
-
-    Parameters
-    ----------
-    quantity : Quantity
-
-    Returns
-    -------
-    str
-    """
+    """Return by how much a quantity differs; one that has come nearer to zero by a negative percentage."""
     is_own = quantity.name == quantity.scale_name
     return amount(quantity, quantity.difference, towards=quantity.before if is_own else 1.0)
 
@@ -169,7 +136,6 @@ def amount(quantity: Quantity, difference: float, towards: float = 1.0) -> str:
 
     Parameters
     ----------
-    quantity : Quantity
     difference : float
         In the unit of the quantity.
     towards : float
@@ -191,14 +157,7 @@ def amount(quantity: Quantity, difference: float, towards: float = 1.0) -> str:
 def promise_sentences(before: Result, after: Result) -> tuple[str, ...]:
     """Return whether the axes that flew with the recommended gains have the promised margins.
 
-    Parameters
-    ----------
-    before, after : Result
-
-    Returns
-    -------
-    tuple of str
-        One for each such axis.
+    One for each such axis.
     """
     return tuple(_promise_sentence(axis, one) for axis, one in checked(before, after).items())
 

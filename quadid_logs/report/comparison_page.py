@@ -42,8 +42,6 @@ def comparison_page(
 
     Parameters
     ----------
-    before, after : Result
-    comparison : Comparison
     figures : sequence of Figure
         Shown below the table, in their order.
 
@@ -62,7 +60,22 @@ def comparison_page(
             style=_STYLES[comparison.verdict],
             axes=[*(_axis(comparison, axis) for axis in comparison.axes), *_actuators(comparison)],
             table=_table(comparison),
-            parameters=_parameters(comparison),
+            parameters=None
+            if not comparison.parameters
+            else Table(
+                caption="Parameters of the autopilot that differ",
+                head=("", "before", "after"),
+                rows=tuple(
+                    (
+                        Cell(text=printable(one.name, 40)),
+                        Cell(text=exact(one.before)),
+                        Cell(text=exact(one.after)),
+                    )
+                    for one in comparison.parameters
+                ),
+                note="The last values in each log. Calibrations, counters and what only one log holds are "
+                "left out.",
+            ),
             promises=[f"{one[:1].upper()}{one[1:]}." for one in promise_sentences(before, after)],
             steps=[printable(step, 800) for step in comparison.advice],
             figures=figures,
@@ -119,21 +132,6 @@ def _table(comparison: Comparison) -> Table | None:
         rows=tuple(_row(quantity) for quantity in ordered),
         note="Small: 95 % intervals. A difference counts as a change if it is larger than the smallest"
         " detectable one: what the intervals and the typical spread between flights of one vehicle explain.",
-    )
-
-
-def _parameters(comparison: Comparison) -> Table | None:
-    """Return the parameters of the autopilot that differ."""
-    if not comparison.parameters:
-        return None
-    return Table(
-        caption="Parameters of the autopilot that differ",
-        head=("", "before", "after"),
-        rows=tuple(
-            (Cell(text=printable(one.name, 40)), Cell(text=exact(one.before)), Cell(text=exact(one.after)))
-            for one in comparison.parameters
-        ),
-        note="The last values in each log. Calibrations, counters and what only one log holds are left out.",
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from quadid_logs.control.recommend import MOST_NOISE
-from quadid_logs.data.tuning import AxisTuning, FilterTrial
+from quadid_logs.data.tuning import AxisTuning
 from quadid_logs.report.numbers import number
 from quadid_logs.report.picture import WIDTH, Picture, Scale
 
@@ -25,17 +25,7 @@ class FilterPicture(Picture):
 
 
 def filter_picture(axis: str, found: AxisTuning) -> FilterPicture | None:
-    """Return the picture of one axis, None where its filters stay.
-
-    Parameters
-    ----------
-    axis : str
-    found : AxisTuning
-
-    Returns
-    -------
-    FilterPicture or None
-    """
+    """Return the picture of one axis, None where its filters stay."""
     trials = found.filter_trials
     if not found.filters or len(trials) < 2:
         return None
@@ -45,6 +35,12 @@ def filter_picture(axis: str, found: AxisTuning) -> FilterPicture | None:
     y = _scale([_log(one) for one in noise], _HEIGHT - _BOTTOM, _TOP)
     names = ["flown", *["other"] * (len(trials) - 2), "chosen"]
     sizes = {"flown": 5.0, "other": 2.0, "chosen": 5.0}
+    chosen = trials[-1]
+    less = -chosen.phase_deg
+    phase_words = (
+        f"{number(abs(less), 2)} degrees {'less' if less > 0.0 else 'more'} phase lost at the crossover"
+    )
+    percent = [number(100.0 * MOST_NOISE * one.noise, 2) for one in (trials[0], chosen)]
     return FilterPicture(
         axis=axis,
         points=tuple(
@@ -53,7 +49,9 @@ def filter_picture(axis: str, found: AxisTuning) -> FilterPicture | None:
         ),
         across=tuple((x.at(end), f"{number(end, 2)}°") for end in (min(phase), max(phase))),
         up=tuple((y.at(_log(end)), f"{number(end, 2)} %") for end in (min(noise), max(noise))),
-        words=_words(axis, trials[0], trials[-1]),
+        words=f"{axis.capitalize()}: with the filters chosen there are {phase_words}, and gains behind them "
+        f"make {percent[1]} % of noise on the motors; the best gains behind the flown filters would make "
+        f"{percent[0]} %.",
         height=_HEIGHT,
         left=_LEFT,
         right=WIDTH - _RIGHT,
@@ -67,14 +65,3 @@ def _log(percent: float) -> float:
 def _scale(values: list[float], begin: float, end: float) -> Scale:
     room = _ROOM * (end - begin)
     return Scale(min(values), max(values), begin + room, end - room)
-
-
-def _words(axis: str, flown: FilterTrial, chosen: FilterTrial) -> str:
-    less = -chosen.phase_deg
-    phase = f"{number(abs(less), 2)} degrees {'less' if less > 0.0 else 'more'} phase lost at the crossover"
-    noise = [number(100.0 * MOST_NOISE * one.noise, 2) for one in (flown, chosen)]
-    return (
-        f"{axis.capitalize()}: with the filters chosen there are {phase}, and gains behind them make "
-        f"{noise[1]} % "
-        f"of noise on the motors; the best gains behind the flown filters would make {noise[0]} %."
-    )

@@ -27,16 +27,7 @@ _PLACES: Final = MappingProxyType(
 
 
 def filter_tables(result: Result) -> tuple[Table, ...]:
-    """Return a table of the filters for each axis whose controller is known.
-
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    tuple of Table
-    """
+    """Return a table of the filters for each axis whose controller is known."""
     loop, every_line = result.closed_loop, lines_of(result.health)
     if loop is None:
         return ()
@@ -47,20 +38,21 @@ def filter_tables(result: Result) -> tuple[Table, ...]:
             strongest = sorted(every_line.get(axis, ()), key=lambda line: -line.height_db)[:_MOST_LINES]
             lines = sorted(strongest, key=lambda line: line.frequency_hz)
             costs = filter_costs(controller, crossover_hz, lines)
-            tables.append(_table(axis, costs, crossover_hz, lines))
+            at = "" if crossover_hz is None else f" at {number(crossover_hz.value, 3)} Hz"
+            tables.append(
+                Table(
+                    caption=f"Filters, {axis}",
+                    head=(
+                        "filter",
+                        "acts on",
+                        f"phase lost{at} [deg]",
+                        *(f"{_line_words(line)} [dB]" for line in lines),
+                    ),
+                    rows=tuple(_row(cost) for cost in costs),
+                    note=_note(costs, crossover_hz, lines),
+                )
+            )
     return tuple(tables)
-
-
-def _table(
-    axis: str, costs: Sequence[FilterCost], crossover_hz: Estimated | None, lines: Sequence[Line]
-) -> Table:
-    at = "" if crossover_hz is None else f" at {number(crossover_hz.value, 3)} Hz"
-    return Table(
-        caption=f"Filters, {axis}",
-        head=("filter", "acts on", f"phase lost{at} [deg]", *(f"{_line_words(line)} [dB]" for line in lines)),
-        rows=tuple(_row(cost) for cost in costs),
-        note=_note(costs, crossover_hz, lines),
-    )
 
 
 def _line_words(line: Line) -> str:

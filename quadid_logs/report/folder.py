@@ -85,7 +85,6 @@ def folder_names(log: PurePath, number: int = 0) -> Iterator[str]:
 
     Parameters
     ----------
-    log : PurePath
     number : int
         Which log of a file with several, from 1; 0 for the only one.
 
@@ -248,12 +247,7 @@ def _move_into(beside: Path, folder: Path, *, force: bool) -> None:
         for name in names:
             # A rename replaces a symbolic link itself and never writes through it.
             (beside / name).replace(folder / name)
-    _remove_stale(folder, kept=frozenset(names))
-
-
-def _remove_stale(folder: Path, *, kept: frozenset[str]) -> None:
-    """Remove what an earlier run left and this one has not replaced: only files that we would write."""
     ours = (REPORT_FILE, *(f"{key}.png" for key in FIGURE_KEYS))
-    for name in ours:
-        if name not in kept and (folder / name).is_file():
-            (folder / name).unlink()
+    for ours_name in ours:
+        if ours_name not in frozenset(names) and (folder / ours_name).is_file():
+            (folder / ours_name).unlink()

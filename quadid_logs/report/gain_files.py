@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import PurePath
 from typing import Final
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from quadid_logs.autopilots import known, named
 from quadid_logs.data.result import Result
-from quadid_logs.data.tuning import AxisTuning, GainChange, Tuning
+from quadid_logs.data.tuning import AxisTuning, Tuning
 from quadid_logs.report.numbers import number
 from quadid_logs.sentences import continued
 from quadid_logs.tuning import flown_parameters
@@ -27,37 +27,20 @@ def file_names(autopilot: str) -> tuple[str, str]:
     ----------
     autopilot : str
         As in `FlightLog.autopilot`.
-
-    Returns
-    -------
-    tuple of str
     """
     suffix = named(autopilot).advice.parameter_suffix
     return f"{NEXT}{suffix}", f"{BACK}{suffix}"
 
 
 def tunable_autopilots() -> tuple[str, ...]:
-    """Return the names of the autopilots that gains are recommended for.
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Return the names of the autopilots that gains are recommended for."""
     return tuple(one.name for one in known() if one.tunable({}) is not None)
 
 
 def gain_files(result: Result, tuning: Tuning) -> dict[str, str]:
     """Return the text of each file by its name.
 
-    Parameters
-    ----------
-    result : Result
-    tuning : Tuning
-
-    Returns
-    -------
-    dict of str to str
-        Empty where no gain changes.
+    Empty where no gain changes.
     """
     changes = tuning.changes
     if not changes:
@@ -72,7 +55,16 @@ def gain_files(result: Result, tuning: Tuning) -> dict[str, str]:
     forth += [line for line in lines if first[line[1]] is line]
     # What the log does not hold is switched off by what it does hold.
     known = {name: change.now for name, change in changes.items() if np.isfinite(change.now)}
-    flown = _flown(result, parameters) | known
+    # Every gain that could be changed, as it flew, so that one flight has one way back.
+    tunable = named(result.log.autopilot).tunable(parameters)
+    axes = () if tunable is None else tunable.axes.values()
+    gain_names = (
+        name
+        for one in axes
+        for name in (*one.scaled, one.proportional, one.integral, one.derivative, one.angle)
+    )
+    every = {name: parameters[name] for name in gain_names if np.isfinite(parameters.get(name, np.nan))}
+    flown = every | known
     back = [("as flown", name, exact(value)) for name, value in flown.items()]
     back += advice.beside_gains(parameters, changes, back=True)
     names = file_names(result.log.autopilot)
@@ -86,40 +78,16 @@ def gain_files(result: Result, tuning: Tuning) -> dict[str, str]:
     }
 
 
-def _flown(result: Result, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return every gain that could be changed as it flew, so that one flight has one way back."""
-    tunable = named(result.log.autopilot).tunable(parameters)
-    axes = () if tunable is None else tunable.axes.values()
-    names = (
-        name
-        for one in axes
-        for name in (*one.scaled, one.proportional, one.integral, one.derivative, one.angle)
-    )
-    return {name: parameters[name] for name in names if np.isfinite(parameters.get(name, np.nan))}
-
-
 def _lines(axis: str, found: AxisTuning) -> Iterator[tuple[str, str, str]]:
     for name, change in found.changes.items():
         was = f"was {exact(change.now)}" if np.isfinite(change.now) else "not in the log"
-        why = f"{axis}: {reason_text(found)}; {was}{_towards(change)}"
+        towards = "" if change.target == change.next else f", target {exact(change.target)}"
+        why = f"{axis}: {reason_text(found)}; {was}{towards}"
         yield why, name, exact(change.next)
 
 
-def _towards(change: GainChange) -> str:
-    return "" if change.target == change.next else f", target {exact(change.target)}"
-
-
 def reason_text(found: AxisTuning) -> str:
-    """Return in a few words why an axis changes.
-
-    Parameters
-    ----------
-    found : AxisTuning
-
-    Returns
-    -------
-    str
-    """
+    """Return in a few words why an axis changes."""
     title = found.reasons[0].title if found.reasons else ""
     outer = None if found.next is None else found.next.full or found.next.rate
     figures = []

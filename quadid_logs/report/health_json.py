@@ -18,7 +18,6 @@ from quadid_logs.data.health import (
     Noise,
     Oscillation,
     Quantity,
-    RotorFault,
     Rotors,
     Standstill,
     Steps,
@@ -31,14 +30,7 @@ from quadid_logs.data.health import (
 def health_dict(health: Health) -> dict[str, Any]:
     """Return ``health``: each topic None, or its figures with a sentence.
 
-    Parameters
-    ----------
-    health : Health
-
-    Returns
-    -------
-    dict
-        Topics that this version does not look at are None too.
+    Topics that this version does not look at are None too.
     """
     # Rates, angles and steps, of which the first that is there says the sentence.
     parts: Mapping[str, tuple[Topic | None, Callable[[Any], dict[str, Any]]]] = {
@@ -70,11 +62,14 @@ def health_dict(health: Health) -> dict[str, Any]:
 
 
 def _topic(topic: Any, figures: Callable[[Any], dict[str, Any]]) -> dict[str, Any] | None:
-    return None if topic is None else _said(topic) | figures(topic)
-
-
-def _said(topic: Topic) -> dict[str, Any]:
-    return {"sentence": topic.sentence, "level": topic.level, "findings": list(topic.findings)}
+    if topic is None:
+        return None
+    return {
+        "sentence": topic.sentence,
+        "level": topic.level,
+        "findings": list(topic.findings),
+        **figures(topic),
+    }
 
 
 def _quantity(number: Quantity | None) -> dict[str, Any] | None:
@@ -241,17 +236,16 @@ def _rotors(rotors: Rotors) -> dict[str, Any]:
         if offset is None
         else {"forward": _quantity(offset[0]), "right": _quantity(offset[1])},
         "thrust_change": _quantity(rotors.thrust_change),
-        "faults": [_fault(one) for one in rotors.faults],
+        "faults": [
+            {
+                "code": one.code,
+                "rotor": one.rotor + 1 if one.rotor >= 0 else None,
+                "time_s": None if np.isnan(one.time_s) else one.time_s,
+                "size": _quantity(one.size),
+                "p_value": one.p_value,
+                "sentence": one.sentence,
+            }
+            for one in rotors.faults
+        ],
         "searched": list(rotors.searched),
-    }
-
-
-def _fault(fault: RotorFault) -> dict[str, Any]:
-    return {
-        "code": fault.code,
-        "rotor": fault.rotor + 1 if fault.rotor >= 0 else None,
-        "time_s": None if np.isnan(fault.time_s) else fault.time_s,
-        "size": _quantity(fault.size),
-        "p_value": fault.p_value,
-        "sentence": fault.sentence,
     }

@@ -71,14 +71,7 @@ class HealthView:
 def health_view(result: Result) -> HealthView:
     """Put what a log shows into lines.
 
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    HealthView
-        Plain, visible text; not yet escaped for HTML.
+    Plain, visible text; not yet escaped for HTML.
     """
     health = result.health or Health()
     lines = tuple(
@@ -159,14 +152,7 @@ def _missing(health: Health) -> Iterable[str]:
 def health_lines(result: Result) -> tuple[str, ...]:
     """Return the judged charts as lines for a terminal; numbers without a judgement stay on the page.
 
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    tuple of str
-        At most one for each chart.
+    At most one for each chart.
     """
     return tuple(
         f"  {line.name.lower()}: {line.sentence}" for line in health_view(result).lines if line.judged

@@ -18,16 +18,7 @@ _HEAD = ("steps", "horizon", "error", "constant rates", "coverage: roll", "pitch
 def prediction_lines(path: str, found: Sequence[HorizonPrediction]) -> tuple[str, ...]:
     """Return what was predicted of one flight as lines for people.
 
-    Parameters
-    ----------
-    path : str
-        Of the log.
-    found : sequence of HorizonPrediction
-
-    Returns
-    -------
-    tuple of str
-        Lines without control characters, whatever the log holds.
+    Lines without control characters, whatever the log holds.
     """
     rows = [
         (
@@ -52,13 +43,8 @@ def predictions_text(ahead: RatePredictor, found: Mapping[str, Sequence[HorizonP
 
     Parameters
     ----------
-    ahead : RatePredictor
     found : mapping of str to sequence of HorizonPrediction
         By the log's path.
-
-    Returns
-    -------
-    str
     """
     content: dict[str, Any] = {
         "schema_version": "1.0",

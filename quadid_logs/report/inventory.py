@@ -35,16 +35,7 @@ _NAME_WIDTH = 11
 def missing_for_analysis(log: FlightLog, data: FlightData) -> tuple[Finding, ...]:
     """Return what `analyze` would complain about before it has looked at the motion.
 
-    Parameters
-    ----------
-    log : FlightLog
-    data : FlightData
-
-    Returns
-    -------
-    tuple of Finding
-        Errors first, then warnings. Whether the flight excited every axis only
-        `analyze` can tell.
+    Errors first, then warnings. Whether the flight excited every axis only `analyze` can tell.
     """
     told = (
         *find_in_file(log, data),
@@ -81,11 +72,6 @@ class Line(NamedTuple):
 
 def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
     """Yield the inventory: whether analyze can work with it, then what the log is, then its signals.
-
-    Parameters
-    ----------
-    log : FlightLog
-    data : FlightData
 
     Yields
     ------
@@ -145,6 +131,14 @@ def _lacking(log: FlightLog, found: Sequence[Finding]) -> Iterator[Line]:
 
 def _facts(log: FlightLog, data: FlightData) -> tuple[tuple[str, str], ...]:
     """Return what the log is, name and value; empty where it says nothing."""
+    most = sorted(log.counts, key=lambda count: -count.count)[:_MOST_TYPES]
+    shown = ", ".join(f"{printable(count.name, 60)} {count.count}" for count in most)
+    more = f" and {len(log.counts) - len(most)} more types" if len(log.counts) > len(most) else ""
+    systems = [
+        f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
+        f" {counted(system.n_messages, 'message')}" + (" (chosen)" if system.chosen else "")
+        for system in log.systems
+    ]
     return (
         ("autopilot", named(log.autopilot).title),
         ("firmware", printable(log.firmware, 120)),
@@ -164,23 +158,6 @@ def _facts(log: FlightLog, data: FlightData) -> tuple[tuple[str, str], ...]:
             f"{counted(log.n_dropped, 'message')} dropped by the autopilot",
         ),
         ("modes", ", ".join(dict.fromkeys(printable(mode.name, 24) for mode in data.modes[:200]))),
-        ("systems", _systems(log)),
-        ("messages", _types(log)),
+        ("systems", some(systems, log.n_systems)),
+        ("messages", shown + more),
     )
-
-
-def _systems(log: FlightLog) -> str:
-    """Return the MAVLink systems, the chosen one marked."""
-    named = [
-        f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
-        f" {counted(system.n_messages, 'message')}" + (" (chosen)" if system.chosen else "")
-        for system in log.systems
-    ]
-    return some(named, log.n_systems)
-
-
-def _types(log: FlightLog) -> str:
-    """Return the most frequent message types with their counts."""
-    most = sorted(log.counts, key=lambda count: -count.count)[:_MOST_TYPES]
-    shown = ", ".join(f"{printable(count.name, 60)} {count.count}" for count in most)
-    return shown + (f" and {len(log.counts) - len(most)} more types" if len(log.counts) > len(most) else "")

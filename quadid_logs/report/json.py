@@ -18,15 +18,9 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import (
     Actuator,
     BandCheck,
-    ChangeCheck,
-    Excitation,
-    FormulationCheck,
     Identification,
-    Inertia,
     Model,
     Parameter,
-    ThrustCurve,
-    Validation,
     Windows,
 )
 from quadid_logs.data.result import Result
@@ -93,6 +87,7 @@ def json_text(result: Result, provenance: Provenance | None = None, *, compact: 
 
 def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
     """Return all keys of the result, the values not yet `plain`."""
+    curve = result.identification.thrust_curve
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "log": log_dict(result.log, result.data),
@@ -104,12 +99,38 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
         "closed_loop": None
         if result.closed_loop is None
         else closed_loop_dict(result.closed_loop, lines_of(result.health)),
-        "excitation": {item.axis: _excitation(item) for item in result.identification.excitation},
+        "excitation": {
+            item.axis: {
+                "torque_rms": item.torque_rms,
+                "rate_rms_rad_s": item.rate_rms_rad_s,
+                "signal_to_noise": item.signal_to_noise,
+            }
+            for item in result.identification.excitation
+        },
         "health": None if result.health is None else health_dict(result.health),
-        "thrust_curve": _thrust_curve(result.identification.thrust_curve),
+        "thrust_curve": None
+        if curve is None
+        else {
+            "expo": {"value": curve.expo, "ci95": curve.ci95},
+            "assumed": curve.assumed,
+            "parameter": curve.parameter,
+            "identifiable": curve.identifiable,
+            "reason": curve.reason,
+            "corrected": curve.corrected,
+            "thrust_over_mean": curve.thrust_over_mean,
+            "effectiveness": curve.effectiveness,
+            "effectiveness_ci95": curve.effectiveness_ci95,
+        },
         "spectral": _spectral(result.identification),
         "skipped": result.identification.skipped,
-        "timings_s": _timings(result),
+        "timings_s": {
+            "read": 0.0,
+            "align": 0.0,
+            "identify": 0.0,
+            "report": 0.0,
+            "total": 0.0,
+            **result.timings_s,
+        },
         "settings": settings_of(result.settings),
     }
     if provenance is not None:
@@ -245,23 +266,6 @@ def _parameter(parameter: Parameter, given: InputDescription | None) -> dict[str
     return content
 
 
-def _thrust_curve(curve: ThrustCurve | None) -> dict[str, Any] | None:
-    """Return ``thrust_curve``: None where the torque was rebuilt from no assumed curve."""
-    if curve is None:
-        return None
-    return {
-        "expo": {"value": curve.expo, "ci95": curve.ci95},
-        "assumed": curve.assumed,
-        "parameter": curve.parameter,
-        "identifiable": curve.identifiable,
-        "reason": curve.reason,
-        "corrected": curve.corrected,
-        "thrust_over_mean": curve.thrust_over_mean,
-        "effectiveness": curve.effectiveness,
-        "effectiveness_ci95": curve.effectiveness_ci95,
-    }
-
-
 def _spectral(identification: Identification) -> dict[str, Any]:
     """Return ``spectral``: by axis, empty where nothing tells what was commanded."""
     return {
@@ -303,9 +307,15 @@ def _model(model: Model, given: InputDescription | None) -> dict[str, Any]:
         "yaw_reaction": None
         if model.yaw_reaction is None
         else {"lead_s": {"value": model.yaw_reaction.lead_s, "ci95": model.yaw_reaction.ci95_s}},
-        "inertia_kg_m2": None if model.inertia is None else _inertia(model.inertia),
+        "inertia_kg_m2": None
+        if model.inertia is None
+        else {
+            "matrix": model.inertia.matrix,
+            "ci95_low": model.inertia.ci95_low,
+            "ci95_high": model.inertia.ci95_high,
+        },
         "windows": None if model.windows is None else _windows(model, model.windows),
-        "validation": _validation(model.validation),
+        "validation": fields_of(model.validation),
         "discrete": None
         if model.discrete is None
         else {
@@ -318,8 +328,25 @@ def _model(model: Model, given: InputDescription | None) -> dict[str, Any]:
         "condition_number": model.condition_number,
         "band_check": None if model.band is None else _band(model.band),
         "yaw_band_check": None if model.yaw_band is None else _band(model.yaw_band),
-        "change_check": None if model.change is None else _change(model.change),
-        "formulations_check": None if model.formulations is None else _formulations(model.formulations),
+        "change_check": None
+        if model.change is None
+        else {
+            name: {"time_s": time_s, "before": before, "after": after, "statistic": statistic}
+            for name, time_s, before, after, statistic in zip(
+                _ON_AXIS_NAMES,
+                model.change.time_s,
+                model.change.before,
+                model.change.after,
+                model.change.statistic,
+                strict=True,
+            )
+        },
+        "formulations_check": None
+        if model.formulations is None
+        else {
+            "gain": dict(zip(_ON_AXIS_NAMES, model.formulations.on_axis_gain.T, strict=True)),
+            "half_width": dict(zip(_ON_AXIS_NAMES, model.formulations.half_width.T, strict=True)),
+        },
         "bootstrap_half_width": None
         if model.bootstrap_half_width is None
         else dict(zip(_ON_AXIS_NAMES, model.bootstrap_half_width, strict=True)),
@@ -345,11 +372,6 @@ def _actuator(actuator: Actuator) -> dict[str, Any]:
         "lag_up_s": actuator.lag_up_s,
         "lag_down_s": actuator.lag_down_s,
     }
-
-
-def _inertia(inertia: Inertia) -> dict[str, Any]:
-    """Return ``inertia_kg_m2``."""
-    return {"matrix": inertia.matrix, "ci95_low": inertia.ci95_low, "ci95_high": inertia.ci95_high}
 
 
 def _windows(model: Model, windows: Windows) -> dict[str, Any]:
@@ -409,29 +431,6 @@ def _band(check: BandCheck) -> dict[str, Any]:
     }
 
 
-def _change(check: ChangeCheck) -> dict[str, Any]:
-    """Return ``change_check``: the likeliest change of each on-axis effectiveness."""
-    return {
-        name: {"time_s": time_s, "before": before, "after": after, "statistic": statistic}
-        for name, time_s, before, after, statistic in zip(
-            _ON_AXIS_NAMES, check.time_s, check.before, check.after, check.statistic, strict=True
-        )
-    }
-
-
-def _formulations(check: FormulationCheck) -> dict[str, Any]:
-    """Return ``formulations_check``: each on-axis effectiveness in the weak and the integral formulation."""
-    return {
-        "gain": dict(zip(_ON_AXIS_NAMES, check.on_axis_gain.T, strict=True)),
-        "half_width": dict(zip(_ON_AXIS_NAMES, check.half_width.T, strict=True)),
-    }
-
-
-def _validation(validation: Validation) -> dict[str, Any]:
-    """Return ``validation``."""
-    return fields_of(validation)
-
-
 def finding_dict(finding: Finding) -> dict[str, Any]:
     """Return an entry of ``findings``."""
     return fields_of(finding)
@@ -441,17 +440,3 @@ def _verdict(diagnosis: Diagnosis, axis: str) -> dict[str, Any]:
     """Return an entry of ``axes``."""
     verdict = diagnosis.axes[axis]
     return {"verdict": verdict.verdict, "reasons": verdict.reasons, "sentence": verdict.sentence}
-
-
-def _excitation(item: Excitation) -> dict[str, Any]:
-    """Return an entry of ``excitation``, without the spectra."""
-    return {
-        "torque_rms": item.torque_rms,
-        "rate_rms_rad_s": item.rate_rms_rad_s,
-        "signal_to_noise": item.signal_to_noise,
-    }
-
-
-def _timings(result: Result) -> dict[str, float]:
-    """Return ``timings_s`` with every key of the contract."""
-    return {"read": 0.0, "align": 0.0, "identify": 0.0, "report": 0.0, "total": 0.0, **result.timings_s}

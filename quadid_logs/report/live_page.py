@@ -28,7 +28,6 @@ def live_page(
 
     Parameters
     ----------
-    figures : LiveFigures
     log : str
         What is recorded, in a sentence.
     clock : str

@@ -29,6 +29,8 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
     """Return what the log is."""
     log, data = result.log, result.data
     period_s = data.sample_period_s
+    lost = f"{size(log.corrupt_bytes)} in {_counted(len(log.lost), 'block', 'blocks')}"
+    dropped = f"{_counted(log.n_dropped, 'message', 'messages')} dropped by the autopilot"
     facts = [
         ("File", f"{printable(log.path)} ({size(log.n_bytes)})"),
         ("Format", _format(log)),
@@ -47,11 +49,16 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
             spans_text((item.start_s, item.end_s) for item in data.segments) or "nothing",
         ),
         ("Resampled to", f"{1.0 / period_s:.4g} Hz" if math.isfinite(period_s) and period_s > 0 else "–"),
-        ("Missing", _lost(log)),
+        ("Missing", "; ".join([lost] * bool(log.lost) + [dropped] * bool(log.n_dropped)) or "nothing"),
     ]
     facts += airframe_facts(log)
     if log.systems:
-        facts.append(("MAVLink systems", _systems(log)))
+        systems = [
+            f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
+            + (" (chosen)" if system.chosen else "")
+            for system in log.systems
+        ]
+        facts.append(("MAVLink systems", some(systems, log.n_systems)))
     return tuple(facts)
 
 
@@ -62,16 +69,6 @@ def _torque(described: InputDescription | None) -> str:
     unit = "in N m" if described.unit == "N m" else "normalised command, not N m"
     saturated = percent(described.saturated_fraction)
     return f"{printable(described.source, 120)}, {unit}; {saturated} of the samples saturated"
-
-
-def _systems(log: FlightLog) -> str:
-    """Return the MAVLink systems, the chosen one marked."""
-    named = [
-        f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
-        + (" (chosen)" if system.chosen else "")
-        for system in log.systems
-    ]
-    return some(named, log.n_systems)
 
 
 def _format(log: FlightLog) -> str:
@@ -88,13 +85,6 @@ def _clock(data: FlightData) -> str:
         return "covers no time"
     resets = _counted(data.clock_resets, "reset", "resets") if data.clock_resets else "no resets"
     return f"{seconds(data.duration_s)}, from {data.start_s:.1f} s on the log's clock; {resets}"
-
-
-def _lost(log: FlightLog) -> str:
-    """Say what of the log is missing."""
-    lost = f"{size(log.corrupt_bytes)} in {_counted(len(log.lost), 'block', 'blocks')}"
-    dropped = f"{_counted(log.n_dropped, 'message', 'messages')} dropped by the autopilot"
-    return "; ".join([lost] * bool(log.lost) + [dropped] * bool(log.n_dropped)) or "nothing"
 
 
 def _counted(count: int, one: str, many: str) -> str:

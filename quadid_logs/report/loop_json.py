@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from quadid_logs.control.command_units import in_degrees
 from quadid_logs.control.filters import filter_costs, rate_crossover
-from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, FrameModes, Margins, Prediction
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
 from quadid_logs.data.controller import CommandUnit, Replay
 from quadid_logs.data.health import Line
 from quadid_logs.report.outer_view import outer_dict
@@ -30,7 +30,6 @@ def closed_loop_dict(loop: ClosedLoop, lines: Mapping[str, Sequence[Line]]) -> d
 
     Parameters
     ----------
-    loop : ClosedLoop
     lines : mapping of str to sequence of Line
         Of the gyro's spectrum, by axis.
 
@@ -53,7 +52,29 @@ def closed_loop_dict(loop: ClosedLoop, lines: Mapping[str, Sequence[Line]]) -> d
             axis: {
                 "gains": controllers.axes[axis].gains,
                 "control_gain": _control_gain(found.effectiveness, controllers.command_unit),
-                **_axis(found),
+                "replay": None if found.replay is None else _replay(found.replay),
+                "prediction": None
+                if found.prediction is None
+                else {
+                    "rate_fit_percent": found.prediction.rate_fit_percent,
+                    "torque_fit_percent": found.prediction.torque_fit_percent,
+                    "attainable_percent": found.prediction.attainable_percent,
+                    "held_out_s": found.prediction.held_out_s,
+                    "effectiveness": _estimated(found.prediction.effectiveness),
+                    "at_limits": found.prediction.at_limits,
+                },
+                **margins_and_step(found),
+                "known_to_hz": found.known_hz,
+                "contradicted": found.contradicted,
+                "frame": None
+                if found.frame is None
+                else {
+                    "seen": found.frame.seen,
+                    "line_hz": found.frame.line_hz,
+                    "line_height": found.frame.line_height,
+                    "absent_probability": found.frame.absent,
+                    "visible_hz": found.frame.visible_hz,
+                },
                 "filters": _filters(loop, axis, lines.get(axis, ())),
             }
             for axis, found in loop.axes.items()
@@ -90,29 +111,10 @@ def _control_gain(found: Estimated | None, unit: CommandUnit | None) -> dict[str
     }
 
 
-def _axis(found: AxisLoop) -> dict[str, Any]:
-    """Return the entry of an axis."""
-    return {
-        "replay": None if found.replay is None else _replay(found.replay),
-        "prediction": None if found.prediction is None else _prediction(found.prediction),
-        **margins_and_step(found),
-        "known_to_hz": found.known_hz,
-        "contradicted": found.contradicted,
-        "frame": None if found.frame is None else _frame(found.frame),
-    }
-
-
 def margins_and_step(found: AxisLoop) -> dict[str, Any]:
     """Return ``margins`` and ``step`` of an axis, None where nothing may be said.
 
-    Parameters
-    ----------
-    found : AxisLoop
-
-    Returns
-    -------
-    dict
-        Values not yet `plain`.
+    Values not yet `plain`.
     """
     margins, step = found.margins, found.step
     return {
@@ -147,40 +149,10 @@ def _replay(replay: Replay) -> dict[str, Any]:
     }
 
 
-def _frame(frame: FrameModes) -> dict[str, Any]:
-    """Return ``frame``: whether a mode of the frame is seen, and how far the log can show one."""
-    return {
-        "seen": frame.seen,
-        "line_hz": frame.line_hz,
-        "line_height": frame.line_height,
-        "absent_probability": frame.absent,
-        "visible_hz": frame.visible_hz,
-    }
-
-
-def _prediction(prediction: Prediction) -> dict[str, Any]:
-    """Return ``prediction``."""
-    return {
-        "rate_fit_percent": prediction.rate_fit_percent,
-        "torque_fit_percent": prediction.torque_fit_percent,
-        "attainable_percent": prediction.attainable_percent,
-        "held_out_s": prediction.held_out_s,
-        "effectiveness": _estimated(prediction.effectiveness),
-        "at_limits": prediction.at_limits,
-    }
-
-
 def margins_dict(margins: Margins) -> dict[str, Any]:
     """Return the margins of one loop.
 
-    Parameters
-    ----------
-    margins : Margins
-
-    Returns
-    -------
-    dict
-        Values not yet `plain`.
+    Values not yet `plain`.
     """
     return {
         "stable": margins.stable,

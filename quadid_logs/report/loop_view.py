@@ -33,16 +33,7 @@ class LoopView:
 
 
 def loop_view(result: Result) -> LoopView:
-    """Put the loop into words.
-
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    LoopView
-    """
+    """Put the loop into words."""
     loop = result.closed_loop
     if loop is None:
         if result.identification.recommended is None:

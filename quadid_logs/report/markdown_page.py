@@ -50,10 +50,6 @@ def markdown_page(text: str, images: Mapping[str, bytes] | None = None) -> str:
     images : mapping of str to bytes, optional
         PNG files by the names that the text shows them under; others are left out.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> page = markdown_page("# Plan\n\n- a < b")
@@ -83,7 +79,17 @@ def _blocks(text: str, images: Mapping[str, bytes]) -> Iterator[Block]:
         elif lines[0].startswith("#"):
             yield Block(kind=Kind.HEADING, text=lines[0].lstrip("# "))
         elif lines[0].startswith("|"):
-            yield Block(kind=Kind.TABLE, table=_table(lines))
+            head, _rule, *rows = (
+                [cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines
+            )
+            yield Block(
+                kind=Kind.TABLE,
+                table=Table(
+                    caption="",
+                    head=tuple(head),
+                    rows=tuple(tuple(Cell(text=cell) for cell in row) for row in rows),
+                ),
+            )
         elif lines[0].startswith("- "):
             yield Block(kind=Kind.BULLETS, items=tuple(_items(lines, "- ")))
         elif _NUMBERED.match(lines[0]):
@@ -108,13 +114,3 @@ def _items(lines: list[str], mark: str) -> Iterator[str]:
             yield item
         item = line.removeprefix(mark) if mark else _NUMBERED.sub("", line, count=1)
     yield item
-
-
-def _table(lines: list[str]) -> Table:
-    """Return a table from its lines, of which the second only draws."""
-    head, _rule, *rows = ([cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines)
-    return Table(
-        caption="",
-        head=tuple(head),
-        rows=tuple(tuple(Cell(text=cell) for cell in row) for row in rows),
-    )

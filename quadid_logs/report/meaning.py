@@ -27,13 +27,8 @@ def meaning_sentence(result: Result, axis: str) -> str:
 
     Parameters
     ----------
-    result : Result
     axis : str
         roll, pitch or yaw.
-
-    Returns
-    -------
-    str
     """
     model, gain = result.identification.recommended, _trusted(result, axis)
     if model is None or gain is None:
@@ -68,14 +63,6 @@ def beside_published(result: Result) -> str:
 
     For the published ones, a normalised command of one is taken for half of the thrust on each side, as the
     mixers of autopilots do, and the largest thrust for twice the weight: B = m g l / I, with the lever l.
-
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    str
     """
     # Not at the top: it brings the whole simulator with it.
     from quadid_logs.simulate.published import PUBLISHED

@@ -36,15 +36,7 @@ _WORDS = {term.symbol: term.words for structure in STRUCTURES for term in struct
 def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
     """Return B, A without products of rates, which seldom matter, and the inertia tensor.
 
-    Parameters
-    ----------
-    result : Result
-    model : Model
-
-    Returns
-    -------
-    tuple of Table
-        As in the equation: one row for each acceleration, one column for each torque or regressor.
+    As in the equation: one row for each acceleration, one column for each torque or regressor.
     """
     unit = "N m" if input_unit(result) == "N m" else "unit of normalised command"
     refused = _refused_targets(result)
@@ -71,17 +63,7 @@ def model_tables(result: Result, model: Model) -> tuple[Table, ...]:
 
 
 def more_tables(result: Result, model: Model) -> tuple[Table, ...]:
-    """Return what only some readers look for: products of rates, published vehicles, thrust curve.
-
-    Parameters
-    ----------
-    result : Result
-    model : Model
-
-    Returns
-    -------
-    tuple of Table
-    """
+    """Return what only some readers look for: products of rates, published vehicles, thrust curve."""
     tables = []
     chosen = tuple(name for name in model.regressors if name in PRODUCTS)
     if chosen:
@@ -127,21 +109,7 @@ def _matrix(
         )
         for row, target in enumerate(model.targets)
     )
-    return Table(
-        caption=caption,
-        head=("", *(_column_words(name) for name in columns)),
-        rows=rows,
-        note=_note(model, columns, distrusted),
-    )
-
-
-def _column_words(name: str) -> str:
-    words = regressor_words(name)
-    return name if words == name else f"{words} ({name})"
-
-
-def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) -> str:
-    """Say what the regressors are, which entries are no results, and why."""
+    # The note says what the regressors are, which entries are no results, and why.
     words = "; ".join(filter(None, (_WORDS.get(name) for name in columns)))
     words = f"{words}." if words else ""
     refused = f"Rows marked {_DISTRUSTED!r} belong to refused axes: do not use them."
@@ -150,7 +118,17 @@ def _note(model: Model, columns: tuple[str, ...], distrusted: frozenset[str]) ->
         for parameter in model.parameters
         if parameter.target not in distrusted and parameter.regressor in columns
     )
-    return " ".join(filter(None, (words, refused if distrusted else "", _weak_note(trusted))))
+    return Table(
+        caption=caption,
+        head=("", *(_column_words(name) for name in columns)),
+        rows=rows,
+        note=" ".join(filter(None, (words, refused if distrusted else "", _weak_note(trusted)))),
+    )
+
+
+def _column_words(name: str) -> str:
+    words = regressor_words(name)
+    return name if words == name else f"{words} ({name})"
 
 
 def _entry(parameter: Parameter | None, value: float, largest: float, distrusted: bool) -> Cell:

@@ -26,14 +26,7 @@ def next_steps(result: Result) -> tuple[str, ...]:
     the advice of the gravest findings, each once, what is to be set first. Where none is: such advice if
     there is any, then what the model is good for.
 
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    tuple of str
-        At most `_MOST_STEPS`.
+    At most `_MOST_STEPS`.
     """
     found = ordered_steps((result.log, finding) for finding in result.diagnosis.findings)
     advice = tuple(dict.fromkeys((*_to_be_mended(result), *found)))

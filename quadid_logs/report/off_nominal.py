@@ -20,14 +20,6 @@ _BATTERIES: Final = (ConditionKind.BATTERY_FULL, ConditionKind.BATTERY_EMPTY)
 def condition_words(condition: Condition) -> str:
     """Name a condition.
 
-    Parameters
-    ----------
-    condition : Condition
-
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> from quadid_logs.data.off_nominal import Condition, ConditionKind
@@ -59,16 +51,7 @@ def _percent(factor: float) -> str:
 
 
 def off_nominal_tables(tuning: Tuning) -> Iterator[Table]:
-    """Yield the margins in each condition, a table for each axis.
-
-    Parameters
-    ----------
-    tuning : Tuning
-
-    Yields
-    ------
-    Table
-    """
+    """Yield the margins in each condition, a table for each axis."""
     for axis, found in tuning.axes.items():
         if not found.off_nominal:
             continue
@@ -81,16 +64,7 @@ def off_nominal_tables(tuning: Tuning) -> Iterator[Table]:
 
 
 def off_nominal_note(tuning: Tuning) -> str:
-    """Say what the tables hold.
-
-    Parameters
-    ----------
-    tuning : Tuning
-
-    Returns
-    -------
-    str
-    """
+    """Say what the tables hold."""
     kinds = {one.condition.kind for found in tuning.axes.values() for one in found.off_nominal}
     without = "" if kinds.intersection(_BATTERIES) else " The log does not hold the battery's voltage."
     return (
@@ -126,14 +100,7 @@ def _cell(flown: Estimated | None, figure: Estimated | None) -> Cell:
 def off_nominal_dict(found: AxisTuning) -> list[dict[str, Any]]:
     """Return ``off_nominal`` of an axis: one entry for each condition.
 
-    Parameters
-    ----------
-    found : AxisTuning
-
-    Returns
-    -------
-    list of dict
-        Values not yet `plain`.
+    Values not yet `plain`.
     """
     return [
         {

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from quadid_logs.control.outer_findings import outermost
 from quadid_logs.data.closed_loop import Estimated, Margins
-from quadid_logs.data.outer_loops import CascadeReplay, OuterLoop, OuterLoops, Shown
+from quadid_logs.data.outer_loops import OuterLoop, OuterLoops, Shown
 from quadid_logs.report.cells import Cell, Table, estimated_cell
 from quadid_logs.report.numbers import number
 
@@ -20,16 +20,7 @@ _ALONG: Final = {"pitch": "forward", "roll": "sideways"}
 
 
 def outer_sentences(outer: OuterLoops | None) -> Iterator[str]:
-    """Say how far the velocity loops are from instability.
-
-    Parameters
-    ----------
-    outer : OuterLoops or None
-
-    Yields
-    ------
-    str
-    """
+    """Say how far the velocity loops are from instability."""
     if outer is None:
         return
     for axis, found in outer.loops.items():
@@ -55,14 +46,7 @@ def _distance(margins: Margins) -> str:
 def outer_tables(outer: OuterLoops | None) -> tuple[Table, ...]:
     """Return the tables of margins and replays.
 
-    Parameters
-    ----------
-    outer : OuterLoops or None
-
-    Returns
-    -------
-    tuple of Table
-        Without those that would be empty.
+    Without those that would be empty.
     """
     if outer is None:
         return ()
@@ -139,19 +123,20 @@ def _cascade_table(outer: OuterLoops) -> Table | None:
     return Table(
         caption="Position and velocity controllers, replayed",
         head=("direction", "controllers", "position", "velocity P", "velocity I", "velocity error [m/s]"),
-        rows=tuple(_cascade_row(direction, found) for direction, found in outer.cascades.items()),
+        rows=tuple(
+            (
+                (
+                    Cell(text=direction),
+                    Cell(text=_SHOWN[found.shown]),
+                    estimated_cell(found.position),
+                    estimated_cell(found.velocity),
+                    estimated_cell(found.integral),
+                    Cell(text=number(found.velocity_error_m_s, 2)),
+                )
+            )
+            for direction, found in outer.cascades.items()
+        ),
         note="Gains over those of the parameters, with 95 % intervals. Error: rms of target less velocity.",
-    )
-
-
-def _cascade_row(direction: str, found: CascadeReplay) -> tuple[Cell, ...]:
-    return (
-        Cell(text=direction),
-        Cell(text=_SHOWN[found.shown]),
-        estimated_cell(found.position),
-        estimated_cell(found.velocity),
-        estimated_cell(found.integral),
-        Cell(text=number(found.velocity_error_m_s, 2)),
     )
 
 
@@ -164,7 +149,6 @@ def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | 
 
     Parameters
     ----------
-    outer : OuterLoops or None
     margins_dict : callable
         Writes `Margins`.
 
@@ -198,7 +182,22 @@ def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | 
             }
             for axis, found in outer.shaper.items()
         },
-        "cascades": {direction: _cascade(found) for direction, found in outer.cascades.items()},
+        "cascades": {
+            direction: {
+                "shown": found.shown.value,
+                "position_gain_over_parameter": _figure(found.position),
+                "velocity_gain_over_parameter": _figure(found.velocity),
+                "integral_gain_over_parameter": _figure(found.integral),
+                "position_relative_rms": found.position_rms,
+                "velocity_relative_rms": found.velocity_rms,
+                "velocity_error_m_s": found.velocity_error_m_s,
+                "velocity_moved_m_s": found.velocity_moved_m_s,
+                "position_error_m": found.position_error_m,
+                "n_rows": found.n_rows,
+                "row_s": found.row_s,
+            }
+            for direction, found in outer.cascades.items()
+        },
         "loops": {
             axis: {
                 "attitude_hz": _figure(found.attitude_hz),
@@ -207,22 +206,6 @@ def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | 
             }
             for axis, found in outer.loops.items()
         },
-    }
-
-
-def _cascade(found: CascadeReplay) -> dict[str, Any]:
-    return {
-        "shown": found.shown.value,
-        "position_gain_over_parameter": _figure(found.position),
-        "velocity_gain_over_parameter": _figure(found.velocity),
-        "integral_gain_over_parameter": _figure(found.integral),
-        "position_relative_rms": found.position_rms,
-        "velocity_relative_rms": found.velocity_rms,
-        "velocity_error_m_s": found.velocity_error_m_s,
-        "velocity_moved_m_s": found.velocity_moved_m_s,
-        "position_error_m": found.position_error_m,
-        "n_rows": found.n_rows,
-        "row_s": found.row_s,
     }
 
 

@@ -42,10 +42,6 @@ def plan_file_names(autopilot: str) -> FileNames:
     ----------
     autopilot : str
         As in `FlightLog.autopilot`.
-
-    Returns
-    -------
-    FileNames
     """
     suffix = advice_for(autopilot).parameter_suffix
     return FileNames(
@@ -59,14 +55,7 @@ def plan_file_names(autopilot: str) -> FileNames:
 def parameter_files(plan: Plan) -> dict[str, str]:
     """Return the text of each parameter file by its name, as the autopilot's ground station loads it.
 
-    Parameters
-    ----------
-    plan : Plan
-
-    Returns
-    -------
-    dict of str to str
-        What makes the autopilot log, sweep, and fly a script, where that has to be set, and the ways back.
+    What makes the autopilot log, sweep, and fly a script, where that has to be set, and the ways back.
     """
     advice, names = plan.advice, plan_file_names(plan.autopilot)
     text = partial(advice.parameter_text, parameters=plan.parameters)
@@ -85,31 +74,12 @@ def parameter_files(plan: Plan) -> dict[str, str]:
 
 
 def live_files(plan: Plan) -> dict[str, str]:
-    """Return the text of each file, by its name, that makes the vehicle stream its log for `quadid-log live`.
-
-    Parameters
-    ----------
-    plan : Plan
-
-    Returns
-    -------
-    dict of str to str
-    """
+    """Return the text of each file by name: they make the vehicle stream its log for `quadid-log live`."""
     return plan.advice.live_files(plan.parameters)
 
 
 def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
-    """Return the manoeuvre card as Markdown that reads well as plain text.
-
-    Parameters
-    ----------
-    plan : Plan
-    prediction : Prediction
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Return the manoeuvre card as Markdown that reads well as plain text."""
     return (
         f"# Flight plan: {', '.join(plan.axes)} ({plan.autopilot})",
         "",
@@ -130,16 +100,7 @@ def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
 
 
 def excitation_lines(plan: Plan) -> Iterator[str]:
-    """Yield what moves each axis, as one table, and the best interval it can give; nothing where nothing can.
-
-    Parameters
-    ----------
-    plan : Plan
-
-    Yields
-    ------
-    str
-    """
+    """Yield what moves each axis, as one table, and the best interval to expect; none where nothing can."""
     if not plan.excitations:
         return
     unit = "of full torque" if plan.advice.excitation_entry == "mixer" else "deg/s"
@@ -179,17 +140,7 @@ def excitation_lines(plan: Plan) -> Iterator[str]:
 
 
 def plan_text(plan: Plan, prediction: Prediction) -> str:
-    """Return the plan and what its simulated flight gave as strict JSON in ASCII.
-
-    Parameters
-    ----------
-    plan : Plan
-    prediction : Prediction
-
-    Returns
-    -------
-    str
-    """
+    """Return the plan and what its simulated flight gave as strict JSON in ASCII."""
     model = prediction.identification.recommended
     actuator = None if model is None else model.actuator
     content: dict[str, Any] = {
@@ -245,16 +196,7 @@ def settings_lines(plan: Plan) -> Iterator[str]:
 
 
 def logging_lines(plan: Plan) -> Iterator[str]:
-    """Yield what to set so that the autopilot logs enough, with the way back.
-
-    Parameters
-    ----------
-    plan : Plan
-
-    Yields
-    ------
-    str
-    """
+    """Yield what to set so that the autopilot logs enough, with the way back."""
     names = plan_file_names(plan.autopilot)
     flown = dict(plan.logging_back)
     for name, value in plan.logging:

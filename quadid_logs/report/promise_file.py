@@ -32,17 +32,7 @@ _LONGEST_TEXT: Final = 300
 
 
 def promise_text(promise: Promise, provenance: Provenance) -> str:
-    """Return a promise as strict JSON in ASCII.
-
-    Parameters
-    ----------
-    promise : Promise
-    provenance : Provenance
-
-    Returns
-    -------
-    str
-    """
+    """Return a promise as strict JSON in ASCII."""
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "kind": _KIND,
@@ -99,10 +89,6 @@ def read_promise(path: Path) -> Promise:
     ----------
     path : Path
         Of the file, or of the folder that `tune` wrote it into.
-
-    Returns
-    -------
-    Promise
 
     Raises
     ------

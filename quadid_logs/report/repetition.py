@@ -24,28 +24,14 @@ def name_of(found: Repeatability, flight: int) -> str:
 
     Parameters
     ----------
-    found : Repeatability
     flight : int
         Its place among the logs.
-
-    Returns
-    -------
-    str
     """
     return printable(PurePath(found.flights[flight]).name, 60)
 
 
 def headline(found: Repeatability) -> str:
-    """Return the outcome in words, without a full stop.
-
-    Parameters
-    ----------
-    found : Repeatability
-
-    Returns
-    -------
-    str
-    """
+    """Return the outcome in words, without a full stop."""
     flights = counted(len(found.flights), "flight")
     if found.strangers:
         return f"these are not flights of one vehicle: {'; '.join(_stranger_sentences(found))}"
@@ -66,30 +52,14 @@ def headline(found: Repeatability) -> str:
 
 
 def mean_words(quantity: RepeatedQuantity) -> str:
-    """Return the mean of all flights with its interval.
-
-    Parameters
-    ----------
-    quantity : RepeatedQuantity
-
-    Returns
-    -------
-    str
-    """
+    """Return the mean of all flights with its interval."""
     return f"{plus_minus(quantity.mean.value, quantity.mean.half_width)} {pretty_unit(quantity.unit)}"
 
 
 def between_words(quantity: RepeatedQuantity) -> str:
     """Return how far flights differ beyond their own errors, as a standard deviation with its interval.
 
-    Parameters
-    ----------
-    quantity : RepeatedQuantity
-
-    Returns
-    -------
-    str
-        In per cent of the mean; in the unit of lag and delay.
+    In per cent of the mean; in the unit of lag and delay.
     """
     mean = quantity.mean
     is_relative = bool(quantity.axis) and mean.value != 0.0
@@ -101,14 +71,7 @@ def between_words(quantity: RepeatedQuantity) -> str:
 def repetition_lines(found: Repeatability) -> tuple[str, ...]:
     """Return the outcome as lines for people.
 
-    Parameters
-    ----------
-    found : Repeatability
-
-    Returns
-    -------
-    tuple of str
-        Lines without control characters, whatever the logs hold.
+    Lines without control characters, whatever the logs hold.
     """
     lines = [headline(found)]
     for axis, outcome in found.axes.items():
@@ -123,32 +86,13 @@ def repetition_lines(found: Repeatability) -> tuple[str, ...]:
 
 
 def held_words(quantity: RepeatedQuantity) -> str:
-    """Say how many flights lie where the others predict them, "" where too few tell.
-
-    Parameters
-    ----------
-    quantity : RepeatedQuantity
-
-    Returns
-    -------
-    str
-    """
+    """Say how many flights lie where the others predict them, "" where too few tell."""
     held = [each.held for each in quantity.estimates if each.held is not None]
     return f"the others predict {sum(held)} of {counted(len(held), 'flight')}" if held else ""
 
 
 def unknown_words(found: Repeatability, flight: int) -> str:
-    """Say why a flight does not tell its axes, "" where it tells all.
-
-    Parameters
-    ----------
-    found : Repeatability
-    flight : int
-
-    Returns
-    -------
-    str
-    """
+    """Say why a flight does not tell its axes, "" where it tells all."""
     reasons = found.reasons[flight]
     if len(set(reasons.values())) == 1 and len(reasons) == len(found.axes):
         return printable(next(iter(reasons.values())), 300)
@@ -188,15 +132,7 @@ def _quantity_lines(found: Repeatability, quantity: RepeatedQuantity) -> Iterato
 def mark(quantity: RepeatedQuantity, each: FlightEstimate) -> str:
     """Return what is to be said of one flight: an outlier, or not where the others predict it.
 
-    Parameters
-    ----------
-    quantity : RepeatedQuantity
-    each : FlightEstimate
-
-    Returns
-    -------
-    str
-        Begins with a comma, or is empty.
+    Begins with a comma, or is empty.
     """
     if any(one.flight == each.flight for one in quantity.outliers):
         return ", outlier"
@@ -238,14 +174,7 @@ def _differ_sentence(found: Repeatability, quantity: RepeatedQuantity) -> str:
 def repetition_text(found: Repeatability) -> str:
     """Return the outcome as strict JSON in ASCII.
 
-    Parameters
-    ----------
-    found : Repeatability
-
-    Returns
-    -------
-    str
-        What is not known is null.
+    What is not known is null.
     """
     held, n_left_out = found.left_out
     content: dict[str, Any] = {

@@ -46,7 +46,6 @@ def repetition_page(found: Repeatability, figures: Sequence[Figure] = ()) -> str
 
     Parameters
     ----------
-    found : Repeatability
     figures : sequence of Figure
         Shown below the tables, in their order.
 
@@ -65,7 +64,19 @@ def repetition_page(found: Repeatability, figures: Sequence[Figure] = ()) -> str
             axes=[_axis(found, axis) for axis in found.axes],
             tables=[
                 _flights(found),
-                *([_pairs(found)] if any(each.pairs for each in found.quantities) else []),
+                *(
+                    [
+                        Table(
+                            caption="Pairs that differ most",
+                            head=("quantity", "flights", "z", "p (Holm)"),
+                            rows=tuple(_pair_rows(found)),
+                            note="z is the difference over its standard deviation; p is corrected for all "
+                            "pairs of all quantities. Below 0.05 the two flights differ.",
+                        )
+                    ]
+                    if any(each.pairs for each in found.quantities)
+                    else []
+                ),
             ],
             steps=[printable(step, 800) for step in found.advice],
             figures=figures,
@@ -132,17 +143,6 @@ def _cell(quantity: RepeatedQuantity, flight: int) -> Cell:
         return Cell(text="–", weak=True)
     text = plus_minus(found.value, found.half_width)
     return Cell(text=text, detail=mark(quantity, found).removeprefix(", "))
-
-
-def _pairs(found: Repeatability) -> Table:
-    """Return the pairs that differ most."""
-    return Table(
-        caption="Pairs that differ most",
-        head=("quantity", "flights", "z", "p (Holm)"),
-        rows=tuple(_pair_rows(found)),
-        note="z is the difference over its standard deviation; p is corrected for all pairs of all"
-        " quantities. Below 0.05 the two flights differ.",
-    )
 
 
 def _pair_rows(found: Repeatability) -> Iterator[tuple[Cell, ...]]:

@@ -15,11 +15,6 @@ from quadid_logs.tuning import tuning_of
 def without_folders(result: Result, provenance: Provenance) -> tuple[Result, Provenance]:
     """Return both with the last part of each absolute path; relative ones stay as they were given.
 
-    Parameters
-    ----------
-    result : Result
-    provenance : Provenance
-
     Returns
     -------
     result : Result
@@ -42,14 +37,6 @@ def without_folders(result: Result, provenance: Provenance) -> tuple[Result, Pro
 
 def without_folder(path: str) -> str:
     r"""Return the last part of an absolute path of any system, anything else as it is.
-
-    Parameters
-    ----------
-    path : str
-
-    Returns
-    -------
-    str
 
     Examples
     --------

@@ -39,17 +39,7 @@ class StepPicture(Picture):
 
 
 def step_picture(axis: str, found: AxisTuning) -> StepPicture | None:
-    """Return the picture of one axis, None where nothing changes.
-
-    Parameters
-    ----------
-    axis : str
-    found : AxisTuning
-
-    Returns
-    -------
-    StepPicture or None
-    """
+    """Return the picture of one axis, None where nothing changes."""
     before, after = found.step_now, found.step_next
     if found.verdict != "change" or after is None:
         return None
@@ -60,12 +50,22 @@ def step_picture(axis: str, found: AxisTuning) -> StepPicture | None:
     bottom = min(0.0, *(float(one.low[one.time_s <= end_s].min()) for one in steps.values()))
     x = Scale(0.0, end_s, _LEFT, WIDTH - _RIGHT)
     y = Scale(bottom, max(top, 1.2), _HEIGHT - _BOTTOM, _TOP)
+    told = [
+        f"{'as flown' if name == 'before' else 'with the next gains'} it "
+        + rise_words(
+            one.rise_time_s.value,
+            one.overshoot_percent.value,
+            float(one.response[-1]),
+            float(one.time_s[-1]),
+        )
+        for name, one in steps.items()
+    ]
     return StepPicture(
         axis=axis,
         curves=tuple(_curve(name, one, x, y) for name, one in steps.items()),
         across=tuple((x.at(value), f"{number(value, 2)} s") for value in (0.0, 0.5 * end_s, end_s)),
         up=tuple((y.at(value), number(value)) for value in (0.0, 0.5, 1.0)),
-        words=_words(axis, steps),
+        words=f"{axis.capitalize()} rate after a step of its set-point: {'; '.join(told)}.",
         height=_HEIGHT,
         left=_LEFT,
         right=WIDTH - _RIGHT,
@@ -84,20 +84,6 @@ def _curve(name: str, step: Step, x: Scale, y: Scale) -> Curve:
     return Curve(name=name, line=points(step.response), band=band)
 
 
-def _words(axis: str, steps: dict[str, Step]) -> str:
-    told = [
-        f"{'as flown' if name == 'before' else 'with the next gains'} it "
-        + rise_words(
-            one.rise_time_s.value,
-            one.overshoot_percent.value,
-            float(one.response[-1]),
-            float(one.time_s[-1]),
-        )
-        for name, one in steps.items()
-    ]
-    return f"{axis.capitalize()} rate after a step of its set-point: {'; '.join(told)}."
-
-
 def rise_words(rise_s: float, overshoot_percent: float, end: float, end_s: float) -> str:
     """Say how the rate comes to its set-point.
 
@@ -109,10 +95,6 @@ def rise_words(rise_s: float, overshoot_percent: float, end: float, end_s: float
         That, as a fraction of the step.
     end_s : float
         When [s].
-
-    Returns
-    -------
-    str
 
     Examples
     --------

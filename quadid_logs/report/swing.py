@@ -23,9 +23,6 @@ def swing_lines(path: str, found: Swing, vehicle: Vehicle | None = None) -> tupl
 
     Parameters
     ----------
-    path : str
-        Of the log.
-    found : Swing
     vehicle : Vehicle, optional
         For the moments about the other axes.
 
@@ -49,32 +46,16 @@ def swing_lines(path: str, found: Swing, vehicle: Vehicle | None = None) -> tupl
     )
     if found.air_kg_m2:
         lines.append(f"  air that swings along: at most {number(found.air_kg_m2, 2)} kg m², in the lower end")
-    return (*lines, f"  vehicle file: inertia_kg_m2 = {_moments(found, vehicle)}")
-
-
-def _moments(found: Swing, vehicle: Vehicle | None) -> str:
-    """Return the line of the vehicle file; nan stands for an axis that nobody has measured."""
     moments = np.full(3, np.nan)
     if vehicle is not None and vehicle.inertia_kg_m2 is not None:
         moments = np.diagonal(vehicle.inertia_kg_m2).copy()
     moments[AXES.index(found.axis)] = found.moment_kg_m2
-    return f"[{', '.join(f'{each:.4g}' for each in moments)}]"
+    vehicle_moments = f"[{', '.join(f'{each:.4g}' for each in moments)}]"
+    return (*lines, f"  vehicle file: inertia_kg_m2 = {vehicle_moments}")
 
 
 def swing_text(path: str, hung: Bifilar, found: Swing) -> str:
-    """Return a measurement as strict JSON in ASCII.
-
-    Parameters
-    ----------
-    path : str
-        Of the log.
-    hung : Bifilar
-    found : Swing
-
-    Returns
-    -------
-    str
-    """
+    """Return a measurement as strict JSON in ASCII."""
     content: dict[str, Any] = {
         "schema_version": "1.0",
         "log": path,

@@ -13,14 +13,7 @@ from quadid_logs.vocabulary import AXES
 def result_lines(result: Result) -> tuple[str, ...]:
     """Return the verdict per axis with its main number, what the log shows, and what to do next.
 
-    Parameters
-    ----------
-    result : Result
-
-    Returns
-    -------
-    tuple of str
-        Lines without control characters, whatever the log holds.
+    Lines without control characters, whatever the log holds.
     """
     model = result.identification.recommended
     structure = f"structure {model.structure}, " if model else ""

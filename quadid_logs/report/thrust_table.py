@@ -13,16 +13,7 @@ _BY_SPEED: Final = "from the measured rotor speeds"
 
 
 def thrust_table(curve: ThrustCurve) -> Table:
-    """Return how the effectiveness per unit of command changes over the thrust that was flown.
-
-    Parameters
-    ----------
-    curve : ThrustCurve
-
-    Returns
-    -------
-    Table
-    """
+    """Return how the effectiveness per unit of command changes over the thrust that was flown."""
     levels = zip(curve.thrust_over_mean, curve.effectiveness, curve.effectiveness_ci95, strict=True)
     rows = tuple(
         (

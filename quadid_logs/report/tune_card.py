@@ -17,15 +17,7 @@ from quadid_logs.report.tune_view import tune_again, tune_view, way_back
 def flight_files(result: Result, tuning: Tuning) -> dict[str, str]:
     """Return the text of each file by its name: the card, and what makes the autopilot log and sweep.
 
-    Parameters
-    ----------
-    result : Result
-    tuning : Tuning
-
-    Returns
-    -------
-    dict of str to str
-        Empty where no gain changes.
+    Empty where no gain changes.
     """
     changing = [axis for axis, found in tuning.axes.items() if found.verdict == "change"]
     if not changing:

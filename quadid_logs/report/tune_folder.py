@@ -24,8 +24,6 @@ def tune_folder(parent: Path, log: PurePath, log_sha256: str, number: int = 0) -
 
     Parameters
     ----------
-    parent : Path
-    log : PurePath
     log_sha256 : str
         Tells it from others of its name; "" is like none.
     number : int
@@ -56,7 +54,6 @@ def check_tune_folder(folder: Path, *, force: bool) -> None:
 
     Parameters
     ----------
-    folder : Path
     force : bool
         Whether the files of an earlier run may be replaced, but for those that lead back.
 
@@ -75,7 +72,6 @@ def write_tuning(folder: Path, files: Mapping[str, bytes]) -> tuple[str, ...]:
     ----------
     folder : Path
         Of `tune_folder`.
-    files : mapping of str to bytes
 
     Returns
     -------

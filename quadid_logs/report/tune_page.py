@@ -31,9 +31,6 @@ def tune_page(
 
     Parameters
     ----------
-    result : Result
-    tuning : Tuning
-    provenance : Provenance
     forecasts : mapping of str to tuple of AutotuneForecast, optional
         By axis, where the autopilot's own procedure would end.
     grids : mapping of str to WhatIf, optional

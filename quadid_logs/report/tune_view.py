@@ -100,14 +100,8 @@ def tune_view(
 
     Parameters
     ----------
-    result : Result
-    tuning : Tuning
     forecasts : mapping of str to tuple of AutotuneForecast, optional
         By axis, where the autopilot's own procedure would end.
-
-    Returns
-    -------
-    TuneView
     """
     verdicts = [found.verdict for found in tuning.axes.values()]
     style = "refused" if set(verdicts) == {"refused"} else "caution" if tuning.changes else "usable"
@@ -124,23 +118,15 @@ def tune_view(
         ),
         steps=tuple(filled(step, result) for step in _steps(result, tuning)),
         margins=_table(tuning),
-        limits=_limits(tuning.limits),
+        limits=f"Limits, each to be met with 97.5 % confidence: {number(tuning.limits.gain_db, 3)} dB, "
+        f"{number(tuning.limits.phase_deg, 3)} degrees, a disk margin of {number(tuning.limits.disk, 3)}.",
         off_nominal=tuple(off_nominal_tables(tuning)),
         off_nominal_note=off_nominal_note(tuning),
     )
 
 
 def headline(tuning: Tuning) -> str:
-    """Say in one line what to do with each axis.
-
-    Parameters
-    ----------
-    tuning : Tuning
-
-    Returns
-    -------
-    str
-    """
+    """Say in one line what to do with each axis."""
     groups: dict[str, list[str]] = {}
     for axis, found in tuning.axes.items():
         groups.setdefault(_act(found), []).append(axis)
@@ -204,11 +190,6 @@ def way_back(autopilot: str, tuning: Tuning) -> WayBack:
     ----------
     autopilot : str
         As in `FlightLog.autopilot`.
-    tuning : Tuning
-
-    Returns
-    -------
-    WayBack
     """
     changing = {axis: found for axis, found in tuning.axes.items() if found.verdict == "change"}
     safe = {axis: has_way_back(found, tuning.limits) for axis, found in changing.items()}
@@ -280,16 +261,7 @@ def _more(n_flights: int) -> str:
 
 
 def autotune_words(forecast: AutotuneForecast) -> str:
-    """Say where the autopilot's own procedure would end.
-
-    Parameters
-    ----------
-    forecast : AutotuneForecast
-
-    Returns
-    -------
-    str
-    """
+    """Say where the autopilot's own procedure would end."""
     gains = ", ".join(f"{name} {_range(ends)}" for name, ends in forecast.gains.items())
     figures = [
         f"{_range(ends)} {unit}"
@@ -407,17 +379,7 @@ def _steps(result: Result, tuning: Tuning) -> Iterator[str]:
 
 
 def tune_again(result: Result, tuning: Tuning) -> str:
-    """Return the command that tunes the log of the next flight with the same limits.
-
-    Parameters
-    ----------
-    result : Result
-    tuning : Tuning
-
-    Returns
-    -------
-    str
-    """
+    """Return the command that tunes the log of the next flight with the same limits."""
     limits = tuning.limits
     wanted = (
         ("--gain-margin-db", limits.gain_db, GOOD.gain_db),
@@ -492,10 +454,3 @@ def _row(name: str, loop: str, margins: Margins) -> tuple[Cell, ...]:
         margins.oscillation_hz,
     )
     return (head, *(estimated_cell(one) for one in figures))
-
-
-def _limits(limits: Limits) -> str:
-    return (
-        f"Limits, each to be met with 97.5 % confidence: {number(limits.gain_db, 3)} dB, "
-        f"{number(limits.phase_deg, 3)} degrees, a disk margin of {number(limits.disk, 3)}."
-    )

@@ -33,19 +33,12 @@ def tuning_text(
 
     Parameters
     ----------
-    result : Result
-    tuning : Tuning
-    provenance : Provenance
     files : sequence of str
         That were written.
     forecasts : mapping of str to tuple of AutotuneForecast, optional
         By axis, where the autopilot's own procedure would end.
     folder : str
         Name of the folder that holds them, "" for none of its own.
-
-    Returns
-    -------
-    str
     """
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
@@ -95,19 +88,15 @@ def _axis(found: AxisTuning, limits: Limits) -> dict[str, Any]:
 def _forecasts(found: tuple[AutotuneForecast, ...]) -> dict[str, Any]:
     """Return by kind where the autopilot's own procedures would end, None where that is not known."""
     return dict.fromkeys(kind.value for kind in ProcedureKind) | {
-        one.kind.value: _forecast(one) for one in found
-    }
-
-
-def _forecast(found: AutotuneForecast) -> dict[str, Any]:
-    """Return where a procedure would end; intervals of 95 %."""
-    return {
-        "procedure": found.title,
-        "gains": {name: list(ends) for name, ends in found.gains.items()},
-        "gain_margin_db": found.gain_margin_db,
-        "phase_margin_deg": found.phase_margin_deg,
-        "unstable_fraction": found.unstable_fraction,
-        "ended_fraction": found.ended_fraction,
+        one.kind.value: {
+            "procedure": one.title,
+            "gains": {name: list(ends) for name, ends in one.gains.items()},
+            "gain_margin_db": one.gain_margin_db,
+            "phase_margin_deg": one.phase_margin_deg,
+            "unstable_fraction": one.unstable_fraction,
+            "ended_fraction": one.ended_fraction,
+        }
+        for one in found
     }
 
 

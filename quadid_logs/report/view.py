@@ -121,9 +121,18 @@ def view_of(result: Result, provenance: Provenance) -> View:
     ranked = [
         _finding(result, place, finding) for place, finding in enumerate(by_consequence(result), start=1)
     ]
+    log = result.log
+    parts = [
+        printable(log.vehicle_name, 60),
+        printable(log.frame, 60),
+        printable(log.vehicle_type, 40) if log.vehicle_type != "unknown" else "",
+        printable(log.firmware, 80) or named(log.autopilot).title,
+        flown_sentence(result),
+    ]
+    asked = printable(provenance.command, LONGEST_COMMAND) or on_log(result, "analyze")
     return View(
         name=printable(result.name, 120),
-        subtitle=_subtitle(result),
+        subtitle=" · ".join(part for part in parts if part),
         overall=overall(result),
         headline=headline(result),
         axes=tuple(_axis(result, axis) for axis in AXES if axis in result.diagnosis.axes),
@@ -148,24 +157,11 @@ def view_of(result: Result, provenance: Provenance) -> View:
         loop=loop_view(result),
         gains=tune_view(result, tuning_of(result)),
         tune_command=on_log(result, "tune"),
-        png_command=_png_command(result, provenance),
+        png_command=f"{asked} --png all{'' if '--force' in asked.split() else ' --force'}",
         findings=tuple(each for each in ranked if each.level != "info"),
         notes=tuple(each for each in ranked if each.level == "info"),
         reproduction=_reproduction(result, provenance),
     )
-
-
-def _subtitle(result: Result) -> str:
-    """Say in one line which vehicle flew for how long."""
-    log = result.log
-    parts = [
-        printable(log.vehicle_name, 60),
-        printable(log.frame, 60),
-        printable(log.vehicle_type, 40) if log.vehicle_type != "unknown" else "",
-        printable(log.firmware, 80) or named(log.autopilot).title,
-        flown_sentence(result),
-    ]
-    return " · ".join(part for part in parts if part)
 
 
 def _axis(result: Result, axis: str) -> AxisView:
@@ -302,12 +298,6 @@ def _finding(result: Result, place: int, finding: Finding) -> FindingView:
             (evidence_name(name), evidence_text(name, value)) for name, value in finding.evidence.items()
         ),
     )
-
-
-def _png_command(result: Result, provenance: Provenance) -> str:
-    """Return the command that writes every figure beside the page."""
-    asked = printable(provenance.command, LONGEST_COMMAND) or on_log(result, "analyze")
-    return f"{asked} --png all{'' if '--force' in asked.split() else ' --force'}"
 
 
 def _listed(settings: Mapping[str, object]) -> str:

@@ -17,15 +17,7 @@ from quadid_logs.report.step_picture import rise_words
 def what_if_parts(grids: Mapping[str, WhatIf]) -> dict[str, Any]:
     """Return what the template needs, and for the policy that lets only this script run.
 
-    Parameters
-    ----------
-    grids : mapping of str to WhatIf
-        By axis.
-
-    Returns
-    -------
-    dict
-        ``grids`` as JSON, ``script`` and ``script_hash``; all empty without a grid.
+    ``grids`` as JSON, ``script`` and ``script_hash``; all empty without a grid.
     """
     if not grids:
         return {"axes": (), "grids": "", "script": "", "script_hash": ""}

@@ -62,14 +62,7 @@ class Server:
 def make_app(server: Server) -> Lingering:
     """Return the ASGI application.
 
-    Parameters
-    ----------
-    server : Server
-
-    Returns
-    -------
-    Lingering
-        Around the guard, and that around the routes.
+    Around the guard, and that around the routes.
     """
     routes = _Routes(server)
     app = Starlette(

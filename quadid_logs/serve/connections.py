@@ -50,7 +50,6 @@ def protocol_for(access: Access, patience: Patience) -> type[H11Protocol]:
     ----------
     access : Access
         Who knows the cookie.
-    patience : Patience
 
     Returns
     -------

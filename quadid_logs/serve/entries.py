@@ -115,16 +115,10 @@ def log_entry(sha256: str, name: str, n_bytes: int, modified_s: float) -> Entry:
 
     Parameters
     ----------
-    sha256 : str
     name : str
         As the browser gave it; of a path only the last part stays.
-    n_bytes : int
     modified_s : float
         When the file was modified [s UTC], -1 if unknown.
-
-    Returns
-    -------
-    Entry
     """
     last = name.replace("\\", "/").rstrip("/").rsplit("/", 1)[-1]
     return Entry(
@@ -144,7 +138,6 @@ def earlier_of(log: Entry, entries: Iterable[Entry]) -> tuple[Entry, ...]:
     ----------
     log : Entry
         That was analyzed.
-    entries : iterable of Entry
 
     Returns
     -------
@@ -179,15 +172,8 @@ def question(kind: Kind, name: str, logs: tuple[str, ...], options: Mapping[str,
 
     Parameters
     ----------
-    kind : Kind
-    name : str
     logs : tuple of str
         Ids of the logs, in the order that matters.
-    options : mapping of str to Any, optional
-
-    Returns
-    -------
-    Entry
     """
     told = json.dumps([kind.value, logs, dict(options or {})], sort_keys=True)
     return Entry(

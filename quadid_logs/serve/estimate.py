@@ -43,24 +43,12 @@ class Pace:
         ----------
         n_bytes : int
             Of its logs together.
-        kind : Kind
-
-        Returns
-        -------
-        float
         """
         base = 2.0 * _BASE_S if kind is Kind.COMPARE else _BASE_S
         return self._factor * (base + _PER_BYTE_S * n_bytes)
 
     def learn(self, n_bytes: int, took_s: float, kind: Kind = Kind.ANALYZE) -> None:
-        """Note how long a job took.
-
-        Parameters
-        ----------
-        n_bytes : int
-        took_s : float
-        kind : Kind
-        """
+        """Note how long a job took."""
         ratio = took_s / self.expected_s(n_bytes, kind)
         self._factor *= math.exp(_NEWEST * math.log(min(max(ratio, 0.1), 10.0)))
 
@@ -76,29 +64,14 @@ class Progress:
     shown: float = 0.0
 
     def begin_stage(self, stage: str, now_s: float) -> None:
-        """Note that a stage begins; what was expected of the whole is set right by it.
-
-        Parameters
-        ----------
-        stage : str
-        now_s : float
-        """
+        """Note that a stage begins; what was expected of the whole is set right by it."""
         self.stage, self.stage_began_s = stage, now_s
         before = _STAGES.get(stage, (0.0, 1.0))[0]
         if before >= _LATE:
             self.expected_s = (now_s - self.began_s) / before
 
     def fraction(self, now_s: float) -> float:
-        """Return how much is done, never 1.
-
-        Parameters
-        ----------
-        now_s : float
-
-        Returns
-        -------
-        float
-        """
+        """Return how much is done, never 1."""
         low, high = _STAGES.get(self.stage, (0.0, 1.0))
         expected_s = max((high - low) * self.expected_s, 1e-3)
         within = (now_s - (self.stage_began_s or self.began_s)) / expected_s
@@ -107,15 +80,6 @@ class Progress:
         return self.shown
 
     def left_s(self, now_s: float) -> float:
-        """Return how long it still takes [s].
-
-        Parameters
-        ----------
-        now_s : float
-
-        Returns
-        -------
-        float
-        """
+        """Return how long it still takes [s]."""
         # What takes longer than expected will go on doing so.
         return (1.0 - self.fraction(now_s)) * max(self.expected_s, now_s - self.began_s)

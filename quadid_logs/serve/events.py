@@ -28,16 +28,7 @@ class Pages:
         self.closing = asyncio.Event()
 
     async def events(self, schedule: Schedule) -> AsyncIterator[str]:
-        """Yield events for one page, until it is closed or the server ends.
-
-        Parameters
-        ----------
-        schedule : Schedule
-
-        Yields
-        ------
-        str
-        """
+        """Yield events for one page, until it is closed or the server ends."""
         loop, changed = asyncio.get_running_loop(), asyncio.Event()
 
         def wake() -> None:
@@ -50,7 +41,8 @@ class Pages:
             while not self.closing.is_set():
                 changed.clear()
                 found = schedule.changes(since)
-                yield _event(found, is_all=not since)
+                # One event; JSON holds no line break that would end it.
+                yield f"data: {json.dumps(changes_dict(found, is_all=(not since)))}\n\n"
                 since = found.version
                 await self._wait(changed, _TICK_S if found.running else _ALIVE_S)
         finally:
@@ -67,24 +59,8 @@ class Pages:
                 each.cancel()
 
 
-def _event(found: Changes, *, is_all: bool) -> str:
-    """Return one event; JSON holds no line break that would end it."""
-    return f"data: {json.dumps(changes_dict(found, is_all=is_all))}\n\n"
-
-
 def changes_dict(found: Changes, *, is_all: bool) -> dict[str, Any]:
-    """Return what a page has to learn, ready for JSON.
-
-    Parameters
-    ----------
-    found : Changes
-    is_all : bool
-        Whether these are all entries there are.
-
-    Returns
-    -------
-    dict
-    """
+    """Return what a page has to learn, ready for JSON."""
     return {
         "all": is_all,
         "entries": [entry.shown() for entry in found.entries],

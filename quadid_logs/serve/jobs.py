@@ -57,15 +57,6 @@ Tell = Callable[[str, Mapping[str, Any] | None], None]
 def do(job: Job, tell: Tell) -> Done:
     """Do a job.
 
-    Parameters
-    ----------
-    job : Job
-    tell : callable
-
-    Returns
-    -------
-    Done
-
     Raises
     ------
     QuadidError
@@ -91,9 +82,20 @@ def _analyze(job: Job, tell: Tell) -> Done:
     folder = Path(job.folder)
     write_drawings(result, provenance, folder, "none")
     (folder / RESULT_FILE).write_text(json_text(result, provenance), encoding="utf-8")
-    if not _fits_history(result):
+    # Whether the history can take the result as it is: one flight, in the history's structure.
+    model = result.identification.recommended
+    if not (len(result.data.flights) < 2 and (model is None or model.structure == Options().structure)):
         tell("adding it to the history", summary)
-        by_flight = result_rows(_by_flight(prepared, result), file, job.sha256[0], Options().rules)
+        # Analyze each flight alone, in the structure that all flights of the history have.
+        from quadid_logs.fleet.per_flight import judge_flights
+
+        settings = dataclasses.replace(Options().settings, log=result.settings.log)
+        by_flight = result_rows(
+            tuple(judge_flights(prepared, settings, None, result.timings_s["read"], "verdict")),
+            file,
+            job.sha256[0],
+            Options().rules,
+        )
         # Of a single flight, list, report and history say the same.
         rows = judged_as(by_flight, rows) if len(by_flight) == len(rows) else by_flight
     return Done(summary=summary, outcome=Outcome(file=file, sha256=job.sha256[0], rows=rows))
@@ -131,20 +133,6 @@ def _result_of(job: Job, which: int, tell: Tell) -> tuple[Prepared, Result, dict
     tell("identify", None)
     result = judge(named.log, data, settings, vehicle=None, health=health, timings_s=timings_s)
     return named, result, lengths_s
-
-
-def _fits_history(result: Result) -> bool:
-    """Return whether the history can take the result as it is: one flight, in the history's structure."""
-    model = result.identification.recommended
-    return len(result.data.flights) < 2 and (model is None or model.structure == Options().structure)
-
-
-def _by_flight(prepared: Prepared, result: Result) -> tuple[Result, ...]:
-    """Analyze each flight alone, in the structure that all flights of the history have."""
-    from quadid_logs.fleet.per_flight import judge_flights
-
-    settings = dataclasses.replace(Options().settings, log=result.settings.log)
-    return tuple(judge_flights(prepared, settings, None, result.timings_s["read"], "verdict"))
 
 
 def _summary(result: Result, row: Mapping[str, Any], lengths_s: Mapping[str, float]) -> dict[str, Any]:

@@ -21,7 +21,6 @@ class FolderLock:
 
         Parameters
         ----------
-        folder : Path
         address : str
             Of the server, written into the file for whoever is refused.
 

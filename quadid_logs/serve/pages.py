@@ -21,19 +21,7 @@ _STYLES: Final = (
 
 
 def page(template: str, *, status: int = 200, **values: Any) -> HTMLResponse:
-    """Return a page.
-
-    Parameters
-    ----------
-    template : str
-    status : int
-    **values : object
-        What the template needs.
-
-    Returns
-    -------
-    HTMLResponse
-    """
+    """Return a page."""
     text = environment("quadid_logs.serve", "quadid_logs.fleet").get_template(template)
     return HTMLResponse(text.render(version=__version__, **values), status)
 
@@ -45,11 +33,6 @@ def start_page(problem: str, *, status: int = 200) -> HTMLResponse:
     ----------
     problem : str
         With the one that was given.
-    status : int
-
-    Returns
-    -------
-    HTMLResponse
     """
     return page("start.html", status=status, problem=problem)
 
@@ -61,8 +44,6 @@ def vehicle_page(history: Path, vehicle: str) -> HTMLResponse | None:
     ----------
     history : Path
         A fleet's store.
-    vehicle : str
-        Its name there.
 
     Returns
     -------
@@ -81,12 +62,7 @@ def vehicle_page(history: Path, vehicle: str) -> HTMLResponse | None:
 
 @cache
 def static_files() -> dict[str, tuple[str, bytes]]:
-    """Return type and content of the two files that all pages share, by name.
-
-    Returns
-    -------
-    dict of str to tuple
-    """
+    """Return type and content of the two files that all pages share, by name."""
     style = "\n".join(resources.files(package).joinpath(name).read_text("utf-8") for package, name in _STYLES)
     script = resources.files("quadid_logs.serve").joinpath("static/serve.js").read_bytes()
     return {"serve.css": ("text/css", style.encode()), "serve.js": ("text/javascript", script)}

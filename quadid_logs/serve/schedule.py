@@ -61,13 +61,7 @@ class Schedule:
     """Entries, and the threads that let workers do them; any thread may call it."""
 
     def __init__(self, store: ServeStore, limits: Limits) -> None:
-        """Take up what the store holds; `start` begins the work.
-
-        Parameters
-        ----------
-        store : ServeStore
-        limits : Limits
-        """
+        """Take up what the store holds; `start` begins the work."""
         self._store = store
         self._limits = limits
         self._entries = store.entries()
@@ -124,14 +118,7 @@ class Schedule:
     def submit(self, entry: Entry) -> Entry:
         """Add an entry; one that is there already stays as it is, unless it gave nothing.
 
-        Parameters
-        ----------
-        entry : Entry
-
-        Returns
-        -------
-        Entry
-            That which is there.
+        That which is there.
         """
         with self._condition:
             held = self._entries.get(entry.id)
@@ -141,12 +128,7 @@ class Schedule:
             return entry
 
     def again(self, entry_id: str) -> None:
-        """Do once more what is final.
-
-        Parameters
-        ----------
-        entry_id : str
-        """
+        """Do once more what is final."""
         with self._condition:
             entry = self._entries.get(entry_id)
             if entry is not None and entry.is_final:
@@ -155,15 +137,7 @@ class Schedule:
     def choose(self, entry_id: str, number: int) -> bool:
         """Analyze another log of a file that holds several; what was asked about the first one is deleted.
 
-        Parameters
-        ----------
-        entry_id : str
-        number : int
-
-        Returns
-        -------
-        bool
-            Whether the file holds such a log.
+        Whether the file holds such a log.
         """
         with self._condition:
             entry = self._entries.get(entry_id)
@@ -178,12 +152,7 @@ class Schedule:
             return True
 
     def cancel(self, entry_id: str) -> None:
-        """Let a job be: its process is killed.
-
-        Parameters
-        ----------
-        entry_id : str
-        """
+        """Let a job be: its process is killed."""
         with self._condition:
             entry = self._entries.get(entry_id)
             if entry is None or entry.is_final:
@@ -195,13 +164,7 @@ class Schedule:
             self._put(replace(entry, state=State.CANCELLED, summary={}))
 
     def rename(self, entry_id: str, name: str) -> None:
-        """Call the vehicle that flew a log otherwise, in all its logs.
-
-        Parameters
-        ----------
-        entry_id : str
-        name : str
-        """
+        """Call the vehicle that flew a log otherwise, in all its logs."""
         with self._condition:
             entry = self._entries.get(entry_id)
             vehicle = entry.summary.get("vehicle") if entry is not None else None
@@ -212,12 +175,7 @@ class Schedule:
                 self._put(replace(each, summary={**each.summary, "vehicle": name}))
 
     def forget(self, entry_id: str) -> None:
-        """Delete an entry and everything about it; of a log also what was asked about it.
-
-        Parameters
-        ----------
-        entry_id : str
-        """
+        """Delete an entry and everything about it; of a log also what was asked about it."""
         with self._condition:
             for other in [each.id for each in self._entries.values() if entry_id in each.logs]:
                 if other != entry_id:
@@ -225,21 +183,19 @@ class Schedule:
             self._forget_one(entry_id)
 
     def changes(self, since: int) -> Changes:
-        """Return what changed after a version; 0 gives everything.
-
-        Parameters
-        ----------
-        since : int
-
-        Returns
-        -------
-        Changes
-        """
+        """Return what changed after a version; 0 gives everything."""
         now_s = time.monotonic()
         with self._condition:
             fresh = [entry for key, entry in self._entries.items() if not since or self._changed[key] > since]
             waiting = [entry for entry in self._entries.values() if entry.state is State.QUEUED]
-            running = {key: _shown(each.progress, now_s) for key, each in self._running.items()}
+            running: dict[str, dict[str, Any]] = {
+                key: {
+                    "stage": each.progress.stage,
+                    "fraction": round(each.progress.fraction(now_s), 3),
+                    "left_s": round(each.progress.left_s(now_s), 1),
+                }
+                for key, each in self._running.items()
+            }
             left_s = sum(float(each["left_s"]) for each in running.values())
             left_s += sum(self._pace.expected_s(entry.n_bytes, entry.kind) for entry in waiting)
             return Changes(
@@ -290,16 +246,15 @@ class Schedule:
                 continue
             if found is not None:
                 if worker is None or not worker.is_alive:
-                    worker = self._new_worker()
+                    # The process that was started ahead, or a new one.
+                    with self._condition:
+                        spare = self._spare.pop() if self._spare else None
+                    worker = (
+                        spare if spare is not None and spare.is_alive else Worker(self._limits.most_bytes)
+                    )
                 self._do(*found, worker)
         if worker is not None:
             worker.kill()
-
-    def _new_worker(self) -> Worker:
-        """Return the process that was started ahead, or a new one."""
-        with self._condition:
-            spare = self._spare.pop() if self._spare else None
-        return spare if spare is not None and spare.is_alive else Worker(self._limits.most_bytes)
 
     def _next(self) -> tuple[Entry, _Running] | None:
         """Wait for a job and mark it as running; None when the server ends."""
@@ -390,12 +345,3 @@ class Schedule:
                 with contextlib.suppress(QuadidError):  # on a full disk it is known until the server ends
                     self._store.put(failed)
                 self._end(failed)
-
-
-def _shown(progress: Progress, now_s: float) -> dict[str, Any]:
-    """Return what the page needs of a running job."""
-    return {
-        "stage": progress.stage,
-        "fraction": round(progress.fraction(now_s), 3),
-        "left_s": round(progress.left_s(now_s), 1),
-    }

@@ -121,11 +121,6 @@ def hosts_of(host: str, port: int) -> Iterable[str]:
     ----------
     host : str
         That it listens on.
-    port : int
-
-    Yields
-    ------
-    str
     """
     for name in dict.fromkeys((*LOOPBACK, host, *((socket.gethostname(),) if not is_loopback(host) else ()))):
         shown = f"[{name}]" if ":" in name else name
@@ -136,14 +131,6 @@ def hosts_of(host: str, port: int) -> Iterable[str]:
 
 def is_loopback(host: str) -> bool:
     """Return whether only this machine can reach an address.
-
-    Parameters
-    ----------
-    host : str
-
-    Returns
-    -------
-    bool
 
     Examples
     --------

@@ -73,12 +73,7 @@ class ServeSettings:
 
 
 def default_folder() -> Path:
-    """Return where logs and results are kept unless told otherwise: the user's folder for data.
-
-    Returns
-    -------
-    Path
-    """
+    """Return where logs and results are kept unless told otherwise: the user's folder for data."""
     if os.name == "nt":
         parent = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
     else:
@@ -91,7 +86,6 @@ def serve(settings: ServeSettings, began: Callable[[str], None]) -> None:
 
     Parameters
     ----------
-    settings : ServeSettings
     began : callable
         Called with the address to open, token included, once the server listens.
 

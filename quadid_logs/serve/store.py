@@ -65,7 +65,6 @@ class ServeStore:
 
         Parameters
         ----------
-        folder : Path
         address : str
             Where the server listens, for whoever is refused.
 
@@ -140,12 +139,7 @@ class ServeStore:
                     _delete(path)
 
     def secret(self) -> bytes:
-        """Return 32 random bytes that no other user can read, the same at every start.
-
-        Returns
-        -------
-        bytes
-        """
+        """Return 32 random bytes that no other user can read, the same at every start."""
         path = self.folder / _SECRET
         with _writing(self.folder):
             with contextlib.suppress(FileExistsError):
@@ -158,12 +152,7 @@ class ServeStore:
         return found
 
     def entries(self) -> dict[str, Entry]:
-        """Return all entries by id, in the order in which they came.
-
-        Returns
-        -------
-        dict of str to Entry
-        """
+        """Return all entries by id, in the order in which they came."""
         with self._guard:
             rows = self._database.execute(
                 f"SELECT {', '.join(_COLUMNS)} FROM entries ORDER BY added_s, id"  # noqa: S608 - our own names
@@ -171,12 +160,7 @@ class ServeStore:
         return {row[0]: _decoded(dict(zip(_COLUMNS, row, strict=True))) for row in rows}
 
     def put(self, entry: Entry) -> None:
-        """Write an entry in the place of what was known of it.
-
-        Parameters
-        ----------
-        entry : Entry
-        """
+        """Write an entry in the place of what was known of it."""
         values = [_encoded(getattr(entry, name)) for name in _COLUMNS]
         with self._guard, _writing(self.folder):
             self._database.execute(_UPSERT, values)
@@ -186,8 +170,6 @@ class ServeStore:
 
         Parameters
         ----------
-        entry : Entry
-            As it is to be written.
         folder : Path
             Where the result was written.
         outcome : Outcome or None
@@ -204,16 +186,7 @@ class ServeStore:
             self.put(entry)
 
     def named(self, done: Done) -> Done:
-        """Return a result with the name that the owner gave the vehicle, if any.
-
-        Parameters
-        ----------
-        done : Done
-
-        Returns
-        -------
-        Done
-        """
+        """Return a result with the name that the owner gave the vehicle, if any."""
         found = done.summary.get("vehicle")
         name = self._name_of(found) if isinstance(found, str) else ""
         if not name:
@@ -229,12 +202,7 @@ class ServeStore:
         return str(row[0]) if row else ""
 
     def rename(self, vehicle: str, name: str) -> None:
-        """Call a vehicle otherwise from now on, also in its history and for the logs to come.
-
-        Parameters
-        ----------
-        vehicle, name : str
-        """
+        """Call a vehicle otherwise from now on, also in its history and for the logs to come."""
         with self._guard, _writing(self.folder):
             self._database.execute("UPDATE names SET name = ? WHERE name = ?", (name, vehicle))
             self._database.execute("INSERT OR REPLACE INTO names VALUES (?, ?)", (vehicle, name))
@@ -243,12 +211,7 @@ class ServeStore:
                     history.rename(vehicle, name)
 
     def forget(self, entry: Entry) -> None:
-        """Delete everything about an entry: of a log its content, results and rows of the history, too.
-
-        Parameters
-        ----------
-        entry : Entry
-        """
+        """Delete everything about an entry: of a log its content, results and rows of the history, too."""
         with self._guard, _writing(self.folder):
             self._database.execute("DELETE FROM entries WHERE id = ?", (entry.id,))
             _delete(self.result(entry.id))

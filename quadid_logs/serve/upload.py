@@ -50,7 +50,6 @@ class Uploads:
 
         Parameters
         ----------
-        store : ServeStore
         max_bytes : int
             Of one log.
         """
@@ -64,13 +63,8 @@ class Uploads:
 
         Parameters
         ----------
-        blocks : async iterator of bytes
         declared : int or None
             What the request says about its size; it is counted all the same.
-
-        Returns
-        -------
-        Upload
 
         Raises
         ------

@@ -62,15 +62,10 @@ class Worker:
 
         Parameters
         ----------
-        job : Job
         told : callable
             Called with each stage as it begins, and with the summary once there is one.
         timeout_s : float
             After which the process is killed.
-
-        Returns
-        -------
-        Done
 
         Raises
         ------
@@ -95,17 +90,14 @@ class Worker:
         except (EOFError, OSError) as error:
             self.kill()
             self._process.join(_GONE_S)
-            raise JobError(f"Its process ended ({_ending(self._process.exitcode)}).") from error
+            code = self._process.exitcode
+            ending = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
+            raise JobError(f"Its process ended ({ending}).") from error
 
     def kill(self) -> None:
         """End the process at once."""
         with contextlib.suppress(OSError, ValueError):
             self._process.kill()
-
-
-def _ending(code: int | None) -> str:
-    """Say how a process ended."""
-    return signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
 
 
 def serve_jobs(connection: Connection, most_bytes: int) -> None:

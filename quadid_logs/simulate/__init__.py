@@ -15,7 +15,7 @@ from quadid_logs.errors import SimulationError
 from quadid_logs.simulate.airframes import adapted
 from quadid_logs.simulate.closed_loop import Record, Schedule, Setup, fly, fly_many
 from quadid_logs.simulate.damage import Damage, damage_bytes
-from quadid_logs.simulate.logger import Logging, log_flights
+from quadid_logs.simulate.logger import log_flights
 from quadid_logs.simulate.scenarios import SCENARIOS, Scenario
 from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.simulate.vendors import motor_order, vendor
@@ -84,10 +84,6 @@ def simulate(
     autopilot : str
         "ardupilot", "px4", "betaflight" or "crazyflie": whose mixer flies and whose messages are logged.
 
-    Returns
-    -------
-    Simulation
-
     Raises
     ------
     SimulationError
@@ -115,7 +111,12 @@ def simulate(
     )
     records = _flown(setups)
     truth = flight_truth(records, scenario=scenario, boot_s=logging.boot_s)
-    truth |= _logging_truth(found, logging)
+    # What was done to the log, and what `analyze` may say about it.
+    truth |= {
+        "logging": dataclasses.asdict(logging),
+        "damage": [dataclasses.asdict(damage) for damage in found.damage],
+        "expected_verdicts": {axis: list(allowed) for axis, allowed in found.verdicts.items()},
+    }
     return Simulation(log=log_flights(records, logging), truth=truth, damage=found.damage)
 
 
@@ -133,10 +134,6 @@ def find_scenario(name: str) -> Scenario:
     ----------
     name : str
         A key of `SCENARIOS`.
-
-    Returns
-    -------
-    Scenario
 
     Raises
     ------
@@ -164,7 +161,6 @@ def plan_flights(
 
     Parameters
     ----------
-    scenario : Scenario
     seed : int
         Of manoeuvre, noise and wind.
     duration_s : float
@@ -234,15 +230,6 @@ def _schedule(duration_s: float) -> Schedule:
         end_s=duration_s,
         height_m=1.0 + 4.0 * pace,
     )
-
-
-def _logging_truth(scenario: Scenario, logging: Logging) -> dict[str, Any]:
-    """Tell what was done to the log, and what `analyze` may say about it."""
-    return {
-        "logging": dataclasses.asdict(logging),
-        "damage": [dataclasses.asdict(damage) for damage in scenario.damage],
-        "expected_verdicts": {axis: list(allowed) for axis, allowed in scenario.verdicts.items()},
-    }
 
 
 call_as(__name__, simulate)

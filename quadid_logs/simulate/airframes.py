@@ -173,15 +173,6 @@ def scaled(airframe: SimulatedAirframe, factor: float) -> SimulatedAirframe:
 
     The disk loading and the speed of the blade tips stay: mass and thrust go with the area, inertia with mass
     times area, and the time constant of a rotor, J / (2 k w) with J ~ d^5, k ~ d^5 and w ~ 1 / d, with d.
-
-    Parameters
-    ----------
-    airframe : SimulatedAirframe
-    factor : float
-
-    Returns
-    -------
-    SimulatedAirframe
     """
     area = factor**2
     return dataclasses.replace(

@@ -243,14 +243,7 @@ class Record:
 def fly(setup: Setup) -> Record:
     """Fly once and record everything.
 
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    Record
-        With the channels of `CORE` and `EXTRA`, each of shape (n_steps, n_columns).
+    With the channels of `CORE` and `EXTRA`, each of shape (n_steps, n_columns).
     """
     channels = CORE + EXTRA + (() if setup.position is None else NAVIGATION)
     values = _fly((setup,), channels)
@@ -262,10 +255,6 @@ def fly_many(setups: Sequence[Setup]) -> Record:
 
     The flights may differ in everything but frame, schedule, autopilot and
     control rate. 200 flights of 60 s at 400 Hz take about 1 GB meanwhile.
-
-    Parameters
-    ----------
-    setups : sequence of Setup
 
     Returns
     -------
@@ -383,9 +372,12 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
     first = setups[0]
     ops = arithmetic(len(setups))
     body, controller, battery, gyro = _body(setups), _controller(setups), _Battery(setups), _Gyro(setups)
-    surroundings, faults = _surroundings(setups), _motor_faults(setups)
+    phases, n_rotors = setups[0].schedule, setups[0].airframe.n_rotors
+    surroundings = _surroundings(setups)
+    faults = MotorFaults([s.effects for s in setups], n_rotors, phases.manoeuvre_s, phases.land_s)
     zero = _stacked([0.0 for _ in setups])
-    idle = _idle(first.airframe.n_rotors, zero)
+    nothing, still = (zero, zero, zero), (zero,) * first.airframe.n_rotors
+    idle = Decision(nothing, nothing, zero, zero, nothing, still, still, still)
     state = at_rest(first.airframe.n_rotors, zero)
     rates, previous = reset_rates(idle.command, idle.command, zero), None
     height_integral, decision = zero, idle
@@ -450,12 +442,6 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
         queue.append(decision.targets)
         external = surroundings.act(state.attitude, state.acceleration, disturbed)
         state = advance(state, queue.pop(0), wind, body, external)
-
-
-def _idle(n_rotors: int, zero: Component) -> Decision:
-    """Decide to do nothing."""
-    nothing, still = (zero, zero, zero), (zero,) * n_rotors
-    return Decision(nothing, nothing, zero, zero, nothing, still, still, still)
 
 
 def _row(
@@ -680,11 +666,6 @@ def _arms(setup: Setup) -> FloatArray:
 def hover_rad_s_of(airframe: SimulatedAirframe) -> float:
     """Return the speed of whole rotors that carry the weight [rad/s]."""
     return float(airframe.rotor_speed_max_rad_s * airframe.hover_throttle**0.5)
-
-
-def _motor_faults(setups: tuple[Setup, ...]) -> MotorFaults:
-    phases, n_rotors = setups[0].schedule, setups[0].airframe.n_rotors
-    return MotorFaults([s.effects for s in setups], n_rotors, phases.manoeuvre_s, phases.land_s)
 
 
 def _surroundings(setups: tuple[Setup, ...]) -> Surroundings:

@@ -27,14 +27,8 @@ def damage_bytes(content: bytes, damages: tuple[Damage, ...], seed: int) -> byte
 
     Parameters
     ----------
-    content : bytes
-    damages : tuple of Damage
     seed : int
         Of the noise.
-
-    Returns
-    -------
-    bytes
 
     Raises
     ------

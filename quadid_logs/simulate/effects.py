@@ -186,14 +186,7 @@ def _disturbance_shape(frequency_hz: FloatArray) -> FloatArray:
 def disturbance_density(frequency_hz: FloatArray) -> FloatArray:
     """Return the one-sided density [1/Hz] of disturbances of 1 rad/s^2, as `Effects` states their size.
 
-    Parameters
-    ----------
-    frequency_hz : ndarray
-
-    Returns
-    -------
-    ndarray
-        Times the square of `Effects.disturbance_rad_s2`: [(rad/s^2)^2 / Hz].
+    Times the square of `Effects.disturbance_rad_s2`: [(rad/s^2)^2 / Hz].
     """
     stated_hz = np.linspace(*DISTURBANCE_BAND_HZ, 2001)
     power = float(np.trapezoid(_disturbance_shape(stated_hz) ** 2, stated_hz))
@@ -361,7 +354,6 @@ def with_outliers(values: FloatArray, fraction: float, rng: np.random.Generator)
     values : ndarray, shape (n_samples, n_columns)
     fraction : float
         Of the samples; in each, one column is absurd.
-    rng : numpy.random.Generator
 
     Returns
     -------

@@ -118,7 +118,6 @@ def shaken(effects: Effects, rotor_speed: FloatArray, hover_rad_s: float, step_s
 
     Parameters
     ----------
-    effects : Effects
     rotor_speed : ndarray, shape (n_steps, n_rotors)
         [rad/s]
     hover_rad_s, step_s : float

@@ -129,7 +129,14 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
     if kind.name == "ardupilot" and np.any(setup.reference.torque):
         streams = (*streams, SYSID_STREAM)
     if not setup.effects.setpoints_logged:
-        streams = _without(streams, "body_rate_setpoint")
+        # Leave out a signal, and a message that holds nothing else.
+        left = [
+            dataclasses.replace(
+                stream, signals=tuple(pair for pair in stream.signals if pair[0] != "body_rate_setpoint")
+            )
+            for stream in streams
+        ]
+        streams = tuple(stream for stream in left if stream.signals)
     streams = streams_of(setup, streams)
     messages = [_collect(stream, records, offsets, logging) for stream in streams]
     messages += _events(records, offsets, logging)
@@ -155,19 +162,16 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
             for text in start_texts(setup)
         ),
         n_dropped=n_dropped,
-        systems=(_system(kind, sum(rows.true_s.size for rows in kept)),),
-    )
-
-
-def _system(kind: Vendor, n_messages: int) -> LoggedSystem:
-    """Return the one vehicle that speaks in a simulated log."""
-    return LoggedSystem(
-        system_id=1,
-        component_id=1,
-        autopilot=kind.name,
-        vehicle_type=MULTIROTOR,
-        n_messages=n_messages,
-        chosen=True,
+        systems=(
+            LoggedSystem(
+                system_id=1,
+                component_id=1,
+                autopilot=kind.name,
+                vehicle_type=MULTIROTOR,
+                n_messages=sum(rows.true_s.size for rows in kept),
+                chosen=True,
+            ),
+        ),
     )
 
 
@@ -189,15 +193,6 @@ def _default_streams(kind: Vendor) -> tuple[Stream, ...]:
         )
         for s in kind.streams
     )
-
-
-def _without(streams: tuple[Stream, ...], signal: str) -> tuple[Stream, ...]:
-    """Leave out a signal, and a message that holds nothing else."""
-    left = [
-        dataclasses.replace(stream, signals=tuple(pair for pair in stream.signals if pair[0] != signal))
-        for stream in streams
-    ]
-    return tuple(stream for stream in left if stream.signals)
 
 
 def _collect(

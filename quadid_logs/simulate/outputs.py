@@ -38,14 +38,8 @@ class OutputCurve(NamedTuple):
 
         Parameters
         ----------
-        thrust : float or ndarray
         voltage : float or ndarray
             Of the battery over that of a full one.
-        ops : Arithmetic
-
-        Returns
-        -------
-        float or ndarray
         """
         rest = 1.0 - thrust
         held = self.held_back(voltage, ops)
@@ -68,13 +62,8 @@ def output_curve(effects: Sequence[Effects], *, wanted: bool) -> OutputCurve:
 
     Parameters
     ----------
-    effects : sequence of Effects
     wanted : bool
         The firmware has these settings.
-
-    Returns
-    -------
-    OutputCurve
     """
     present = wanted and any(one.thrust_linear or one.sag_compensation for one in effects)
     amount = 1.0 if present else 0.0

@@ -29,7 +29,10 @@ def page_text(experiment: Experiment) -> str:
     """Return the whole page as Markdown; the figures lie beside it."""
     parts = [
         "# The source paper's experiment, re-run",
-        _setting(),
+        "Table I vehicle (Ixx = Iyy = 0.008, Izz = 0.01 kg m^2, no products of inertia), torque 0.01 N m at "
+        "1 rad/s on one axis at a time from rest, eq. (8) integrated by a variable-order Adams "
+        "predictor-corrector, sampled every 200 ms, H_k of eq. (11) solved for every window of six samples. "
+        "All numbers below but the column 'published' were computed by this run.",
         "![Torque, rates and angles of the single-axis runs](fig4.png)",
         "## Eq. (12) beside ours and the truth",
         *_tables(experiment),
@@ -38,16 +41,6 @@ def page_text(experiment: Experiment) -> str:
         *_findings(experiment),
     ]
     return "\n\n".join(parts) + "\n"
-
-
-def _setting() -> str:
-    """Say in words what was flown."""
-    return (
-        "Table I vehicle (Ixx = Iyy = 0.008, Izz = 0.01 kg m^2, no products of inertia), torque 0.01 N m at "
-        "1 rad/s on one axis at a time from rest, eq. (8) integrated by a variable-order Adams "
-        "predictor-corrector, sampled every 200 ms, H_k of eq. (11) solved for every window of six samples. "
-        "All numbers below but the column 'published' were computed by this run."
-    )
 
 
 def _tables(experiment: Experiment) -> list[str]:
@@ -168,7 +161,10 @@ def _figure_4(runs: tuple[Run, Run, Run]) -> Figure:
     for column, run in enumerate(runs):
         for row, (label, names, attribute) in enumerate(quantities):
             axes = grid[row][column]
-            for name, style, series in zip(names, ("-", "--", ":"), _shown(run, attribute).T, strict=True):
+            # The series to draw; of the attitude, the angle turned about each body axis.
+            values: FloatArray = getattr(run, attribute)
+            shown = angle_turned(values) if attribute == "quaternion" else values
+            for name, style, series in zip(names, ("-", "--", ":"), shown.T, strict=True):
                 axes.plot(run.time_s, series, style, marker=".", markersize=3, label=name)
             axes.set_ylabel(label)
             axes.grid(alpha=0.3)
@@ -179,12 +175,6 @@ def _figure_4(runs: tuple[Run, Run, Run]) -> Figure:
         grid[2][column].set_xlabel("time [s]")
     figure.suptitle("Torque, body rates and angles turned, sampled every 200 ms (the paper's Fig. 4)")
     return figure
-
-
-def _shown(run: Run, attribute: str) -> FloatArray:
-    """Return the series to draw; of the attitude, the angle turned about each body axis."""
-    values: FloatArray = getattr(run, attribute)
-    return angle_turned(values) if attribute == "quaternion" else values
 
 
 def angle_turned(quaternion: FloatArray) -> FloatArray:

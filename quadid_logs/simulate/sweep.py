@@ -33,7 +33,6 @@ def sweep_wave(sweep: Sweep, time_s: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    sweep : Sweep
     time_s : ndarray, shape (n,)
         Since the sweep began; zero before 0 and after ``record_s``.
 

@@ -20,8 +20,6 @@ def true_controller(setup: Setup, axis: int, rotors_hz: float | None = None) -> 
 
     Parameters
     ----------
-    setup : Setup
-    axis : int
     rotors_hz : float, optional
         Their speed, at which a notch stands that follows them; without it notches are left out.
 
@@ -76,14 +74,8 @@ def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:
 
     Parameters
     ----------
-    setup : Setup
     truth : dict
         As of `quadid_logs.simulate.truth.flight_truth`.
-    axis : int
-
-    Returns
-    -------
-    Plant
     """
     model = truth["models"]["damped"]
     seen = 1.0 + setup.noise.gyro_scale[axis]
@@ -101,17 +93,7 @@ def true_plant(setup: Setup, truth: dict[str, Any], axis: int) -> Plant:
 
 
 def nominal_plant(setup: Setup, axis: int) -> Plant:
-    """Return one axis of the vehicle as it is built, at a full battery: what is known before any flight.
-
-    Parameters
-    ----------
-    setup : Setup
-    axis : int
-
-    Returns
-    -------
-    Plant
-    """
+    """Return one axis of the vehicle as it is built, at a full battery: what is known before any flight."""
     frame = setup.airframe
     gain = np.linalg.solve(frame.inertia_kg_m2, torque_gain(frame, setup.autopilot))[axis, axis]
     values = (

@@ -225,13 +225,8 @@ def streams_of(setup: Setup, streams: tuple[Stream, ...]) -> tuple[Stream, ...]:
 
     Parameters
     ----------
-    setup : Setup
     streams : tuple of Stream
         Of any flight, at the rates of the log's settings.
-
-    Returns
-    -------
-    tuple of Stream
     """
     extra = vendor(setup.autopilot).position_stream
     if setup.position is None or extra is None:

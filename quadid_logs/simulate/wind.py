@@ -29,11 +29,8 @@ def dryden_wind(wind: Wind, n_samples: int, step_s: float, rng: np.random.Genera
 
     Parameters
     ----------
-    wind : Wind
-    n_samples : int
     step_s : float
         Between samples [s].
-    rng : numpy.random.Generator
 
     Returns
     -------

@@ -63,11 +63,6 @@ class _Spelling(NamedTuple):
 def write_blackbox(log: FlightLog, file: BinaryIO) -> None:
     """Write the rows of the first body rate, with the signals that stand in the same rows.
 
-    Parameters
-    ----------
-    log : FlightLog
-    file : BinaryIO
-
     Raises
     ------
     OutputError
@@ -89,7 +84,17 @@ def write_blackbox(log: FlightLog, file: BinaryIO) -> None:
         file.write(f"H {name}:{text}\n".encode())
     # The clock of 32 bits begins anew after 71 minutes.
     whole = [np.arange(len(time_us)), time_us & 0xFFFFFFFF, *map(_whole, columns.values())]
-    for frames in _frames(np.stack(whole, axis=1), _slow_frames(log, rates[0].time_s)):
+    # The slow frames, which hold the flight mode, with the row of the main frame behind each.
+    time_s = rates[0].time_s
+    rows = np.searchsorted(time_s, [mode.time_s for mode in log.modes])
+    for frames in _frames(
+        np.stack(whole, axis=1),
+        [
+            (int(row), b"S" + bytes([MODE_FLAGS.get(mode.name, 0)]))
+            for row, mode in zip(rows, log.modes, strict=True)
+            if row < len(time_s)
+        ],
+    ):
         file.write(frames)
     file.write(b"E\x0f\0" + _LOG_END)
 
@@ -222,16 +227,6 @@ def _firmware(log: FlightLog) -> dict[str, str]:
 def _line(text: str) -> str:
     """Return what stands in one line of a header."""
     return "".join(character for character in text if character.isprintable())
-
-
-def _slow_frames(log: FlightLog, time_s: FloatArray) -> list[tuple[int, bytes]]:
-    """Return the slow frames, which hold the flight mode, with the row of the main frame behind each."""
-    rows = np.searchsorted(time_s, [mode.time_s for mode in log.modes])
-    return [
-        (int(row), b"S" + bytes([MODE_FLAGS.get(mode.name, 0)]))
-        for row, mode in zip(rows, log.modes, strict=True)
-        if row < len(time_s)
-    ]
 
 
 def _frames(rows: IntArray, slow: list[tuple[int, bytes]]) -> list[bytes]:

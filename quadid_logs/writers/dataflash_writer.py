@@ -405,22 +405,21 @@ def _settings(log: FlightLog) -> Iterator[tuple[str, dict[str, Field]]]:
         yield "MSG", {"Message": clip_text(firmware, 64)}
         if log.frame:
             yield "MSG", {"Message": clip_text(f"Frame: {log.frame}", 64)}
-    yield "VER", _version(firmware)
+    # VER: the version's parts, board type 3 (simulated).
+    found = re.match(r"(\w+) V(\d+)\.(\d+)(?:\.(\d+))?", firmware)
+    build, *numbers = found.groups(default="0") if found else ("", "0", "0", "0")
+    major, minor, patch = (min(int(number), 255) for number in numbers)
+    yield (
+        "VER",
+        {
+            "BT": 3,
+            "BST": 65535,
+            "Maj": major,
+            "Min": minor,
+            "Pat": patch,
+            "FWS": clip_text(firmware, 64),
+            "BU": BUILDS.get(build, 0),
+        },
+    )
     for name, value in ({"FORMAT_VERSION": 120.0} | log.parameters_at(-1)).items():
         yield "PARM", {"Name": clip_text(name, 16), "Value": value, "Default": math.nan}
-
-
-def _version(firmware: str) -> dict[str, Field]:
-    """VER: the version's parts, board type 3 (simulated)."""
-    found = re.match(r"(\w+) V(\d+)\.(\d+)(?:\.(\d+))?", firmware)
-    name, *numbers = found.groups(default="0") if found else ("", "0", "0", "0")
-    major, minor, patch = (min(int(number), 255) for number in numbers)
-    return {
-        "BT": 3,
-        "BST": 65535,
-        "Maj": major,
-        "Min": minor,
-        "Pat": patch,
-        "FWS": clip_text(firmware, 64),
-        "BU": BUILDS.get(name, 0),
-    }

@@ -48,13 +48,8 @@ def payload_of(kind: MessageType, values: tuple[_Value, ...]) -> bytes:
 
     Parameters
     ----------
-    kind : MessageType
     values : tuple
         Of its fields in the order of their definition; those that are missing are zero.
-
-    Returns
-    -------
-    bytes
     """
     parts = re.findall(r"(\d*)([A-Za-z])", kind.struct_format)
     wire: list[_Value] = [_zero(count, code) for count, code in parts]
@@ -77,17 +72,7 @@ def _zero(count: str, code: str) -> _Value:
 
 
 def packet(message: Message, sequence: int, system: int, component: int) -> bytes:
-    """Return a message as it is sent.
-
-    Parameters
-    ----------
-    message : Message
-    sequence, system, component : int
-
-    Returns
-    -------
-    bytes
-    """
+    """Return a message as it is sent."""
     payload = message.payload.rstrip(b"\0") or b"\0"
     number = message.kind.msg_id.to_bytes(3, "little")
     body = bytes((len(payload), 0, 0, sequence, system, component)) + number + payload

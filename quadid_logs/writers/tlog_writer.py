@@ -76,12 +76,23 @@ def write_tlog(log: FlightLog, file: BinaryIO) -> None:
     """
     messages = Messages()
     clock = write_clock(log)
+    # RAW_IMU, SCALED_IMU2 and SCALED_IMU3 of ArduPilot; HIGHRES_IMU of PX4.
+    rates, forces = list(imu_rates(log)), list(log.candidates("specific_force"))
+    makers = [_raw_imu, _scaled_imu2, _scaled_imu3]
+    if log.autopilot == "px4":
+        makers = [_highres_imu]
+    n_imus = min(max(len(rates), len(forces)), len(makers))
+    imus: list[Iterator[Timed]] = []
+    for instance in range(n_imus):
+        rate = rates[instance] if instance < len(rates) else None
+        force = forces[instance] if instance < len(forces) else None
+        imus.append(makers[instance](messages, *_imu_rows(clock, rate, force)))
     streams = [
         _greeting(messages, log, clock),
         _heartbeats(messages, log, clock),
         _attitude(messages, log, clock),
         _targets(messages, log, clock),
-        *_imus(messages, log, clock),
+        *imus,
         _outputs(messages, log, clock),
         _rotor_speed(messages, log, clock),
         _battery(messages, log, clock),
@@ -177,21 +188,6 @@ def _targets(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[
     unknown = [math.nan] * 4
     for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), rows, strict=True):
         yield key, messages.attitude_target(boot_ms, 0, unknown, *row)
-
-
-def _imus(messages: Messages, log: FlightLog, clock: WriteClock) -> list[Iterator[Timed]]:
-    """RAW_IMU, SCALED_IMU2 and SCALED_IMU3 of ArduPilot; HIGHRES_IMU of PX4."""
-    rates, forces = list(imu_rates(log)), list(log.candidates("specific_force"))
-    makers = [_raw_imu, _scaled_imu2, _scaled_imu3]
-    if log.autopilot == "px4":
-        makers = [_highres_imu]
-    n_imus = min(max(len(rates), len(forces)), len(makers))
-    streams: list[Iterator[Timed]] = []
-    for instance in range(n_imus):
-        rate = rates[instance] if instance < len(rates) else None
-        force = forces[instance] if instance < len(forces) else None
-        streams.append(makers[instance](messages, *_imu_rows(clock, rate, force)))
-    return streams
 
 
 def _imu_rows(clock: WriteClock, rate: Signal | None, force: Signal | None) -> tuple[Stamps, FloatArray]:

@@ -99,7 +99,17 @@ def write_ulog(log: FlightLog, file: BinaryIO) -> None:
     for number, (name, instance, _, _) in enumerate(topics):
         file.write(_message("A", struct.pack("<BH", instance, number) + name.encode()))
     written = [*_texts(log, clock), *_changed_parameters(log, clock)]
-    write_merged(file, [*streams, *written, _syncs(start_us, end_us)])
+    key_us = np.arange(start_us, end_us + 1, SYNC_PERIOD_US, dtype=np.int64)
+    dtype = np.dtype([("size", "<u2"), ("kind", "u1"), ("magic", f"V{len(SYNC)}")])
+    magic = np.broadcast_to(np.frombuffer(SYNC, dtype=f"V{len(SYNC)}"), key_us.shape)
+    write_merged(
+        file,
+        [
+            *streams,
+            *written,
+            Records(dtype=dtype, key_us=key_us, fields={"size": len(SYNC), "kind": ord("S"), "magic": magic}),
+        ],
+    )
 
 
 def _message(kind: str, content: bytes) -> bytes:
@@ -397,14 +407,6 @@ def _changed_parameters(log: FlightLog, clock: WriteClock) -> Iterator[Records]:
             "content": np.frombuffer(content, dtype=f"V{len(content)}"),
         }
         yield Records(dtype=dtype, key_us=stamps.key_us[row : row + 1], fields=fields)
-
-
-def _syncs(start_us: int, end_us: int) -> Records:
-    """Sync messages at the logger's period."""
-    key_us = np.arange(start_us, end_us + 1, SYNC_PERIOD_US, dtype=np.int64)
-    dtype = np.dtype([("size", "<u2"), ("kind", "u1"), ("magic", f"V{len(SYNC)}")])
-    magic = np.broadcast_to(np.frombuffer(SYNC, dtype=f"V{len(SYNC)}"), key_us.shape)
-    return Records(dtype=dtype, key_us=key_us, fields={"size": len(SYNC), "kind": ord("S"), "magic": magic})
 
 
 def _write_definitions(file: BinaryIO, log: FlightLog) -> None:

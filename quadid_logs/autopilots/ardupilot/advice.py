@@ -135,11 +135,13 @@ class ArduPilotAdvice(Advice):
         by_stick = super().excitation(axes, version)
         if not self.sweep_magnitudes(version):
             return f"{by_stick} {_no_system_id(version)}"
+        words = [word for axis in axes for word in ("--axis", axis)]
+        plan_command = command("plan", "--autopilot", "ardupilot", *words, "--like", LOG)
         return (
             f"{by_stick} ArduCopter's System ID mode{'' if version else ' (4.0 and later)'} does it by "
             f"itself: {_sweeps(axes)}. On the mixer axes "
             "the unit is a fraction of the full command, so that the default of 15 is dangerous: read the "
-            f"value back before the flight; see `{_plan_command(axes)}`."
+            f"value back before the flight; see `{plan_command}`."
         )
 
     def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:
@@ -289,11 +291,6 @@ def _logging_limit(version: Version | None) -> str:
         f"ArduCopter {_dotted(version)} {what}{early}, whatever LOG_BITMASK is: update the firmware to 4.0 "
         "or later (an 8-bit APM board cannot: it stays at 3.2, which does not log it)."
     )
-
-
-def _plan_command(axes: Sequence[str]) -> str:
-    words = [word for axis in axes for word in ("--axis", axis)]
-    return command("plan", "--autopilot", "ardupilot", *words, "--like", LOG)
 
 
 def _sweeps(axes: Sequence[str]) -> str:

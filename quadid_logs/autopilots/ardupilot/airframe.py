@@ -35,16 +35,7 @@ def motor_prefix(parameters: Mapping[str, float]) -> str:
 
 
 def find_airframe(log: FlightLog) -> Airframe | Unknown:
-    """Read FRAME_CLASS and FRAME_TYPE; FRAME with the number of motors before 3.5.
-
-    Parameters
-    ----------
-    log : FlightLog
-
-    Returns
-    -------
-    Airframe or Unknown
-    """
+    """Read FRAME_CLASS and FRAME_TYPE; FRAME with the number of motors before 3.5."""
     if log.vehicle_type not in (MULTIROTOR, "vtol", "unknown"):
         # A rover has a FRAME_CLASS, too, of which 1 is no quad.
         return Unknown(

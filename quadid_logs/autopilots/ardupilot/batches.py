@@ -38,8 +38,6 @@ def gyro_batches(
 
     Parameters
     ----------
-    tables : mapping of str to MessageTable
-    parameters : mapping of str to float
     known : GyroFilter
         What the parameters say of the filters.
 
@@ -49,7 +47,17 @@ def gyro_batches(
         The first gyro's first. Rows whose header is lost or damaged are left out.
     """
     header, data = tables.get(HEADER), tables.get(DATA)
-    if header is None or data is None or not _is_whole(header, data):
+    if (
+        header is None
+        or data is None
+        or not (
+            header.n_rows > 0
+            and header.has_numbers(*_HEADER_LABELS)
+            and data.has_numbers("N", "seqno")
+            and data.has(*_AXES)
+            and all(data.columns[axis].shape == (data.n_rows, _PER_ROW) for axis in _AXES)
+        )
+    ):
         return ()
     of_batch = np.searchsorted(header.position, data.position) - 1
     inside: BoolArray = of_batch >= 0
@@ -99,15 +107,4 @@ def _signal(
         reason=f"batches of gyro {sensor}, {where}",
         gyro_filter=known if filtered else NO_GYRO_FILTER,
         raw=not filtered,
-    )
-
-
-def _is_whole(header: MessageTable, data: MessageTable) -> bool:
-    """Return whether both have their columns, and a row 32 samples: damaged definitions may have others."""
-    return (
-        header.n_rows > 0
-        and header.has_numbers(*_HEADER_LABELS)
-        and data.has_numbers("N", "seqno")
-        and data.has(*_AXES)
-        and all(data.columns[axis].shape == (data.n_rows, _PER_ROW) for axis in _AXES)
     )

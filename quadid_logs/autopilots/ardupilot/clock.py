@@ -39,10 +39,6 @@ def _time_label(table: MessageTable) -> str | None:
 def own_time(table: MessageTable) -> FloatArray | None:
     """Return the rows' own time [s] as logged, however implausible; None where the message type has none.
 
-    Parameters
-    ----------
-    table : MessageTable
-
     Returns
     -------
     ndarray, shape (n_rows,), or None
@@ -84,15 +80,8 @@ class LogClock:
     def rows(self, table: MessageTable) -> Rows:
         """Return the rows of a table: the same object each time.
 
-        Parameters
-        ----------
-        table : MessageTable
-
-        Returns
-        -------
-        Rows
-            With their own time [s], else that of the row before them in the file, else that at which the
-            firmware should have logged; NaN where nothing tells.
+        With their own time [s], else that of the row before them in the file, else that at which the firmware
+        should have logged; NaN where nothing tells.
         """
         if table not in self._rows:
             known, own = self._reference, own_time(table)

@@ -65,11 +65,6 @@ _ANGLE_GAINS: Final = (
 def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
     """Return the gains from angles to rate set-points; see `Autopilot.angle_gains`.
 
-    Parameters
-    ----------
-    mode : str
-    parameters : mapping of str to float
-
     Returns
     -------
     tuple of float, or None
@@ -94,14 +89,6 @@ def controllers(
     ----------
     log : FlightLog
         Tells the firmware.
-    parameters : mapping of str to float
-        Those that flew.
-    axes : sequence of str
-        Those wanted.
-
-    Returns
-    -------
-    FlownControllers
 
     Notes
     -----
@@ -123,7 +110,15 @@ def controllers(
                 _axis(parameters, name, period_s, gyro),
                 filters=(*named_gyro, *_named_filters(parameters, name, period_s)),
             )
-            remarks += _axis_remarks(parameters, axis, name)
+            landing = f"ATC_LAND_{name[0]}_MULT"
+            for kind, parameter, way in (
+                (RemarkKind.SLEW_LIMIT, f"ATC_RAT_{name}_SMAX", 0.0),
+                (RemarkKind.PD_LIMIT, f"ATC_RAT_{name}_PDMX", 0.0),
+                (RemarkKind.VARIABLE_GAIN, landing, 1.0),
+            ):
+                value = parameters.get(parameter, way)
+                if value != way:
+                    remarks.append(ControllerRemark(kind=kind, axis=axis, values={parameter: value}))
     return FlownControllers(
         name="AC_PID",
         firmware=log.firmware,
@@ -145,15 +140,7 @@ def loop_period_s(parameters: Mapping[str, float]) -> float:
 def flown_period_s(log: FlightLog, parameters: Mapping[str, float]) -> float:
     """Return the period that the rate loop had [s].
 
-    Parameters
-    ----------
-    log : FlightLog
-    parameters : mapping of str to float
-
-    Returns
-    -------
-    float
-        That of the parameters. A rate thread runs as often as the processor lets it, which its rows tell.
+    That of the parameters. A rate thread runs as often as the processor lets it, which its rows tell.
     """
     promised_s = loop_period_s(parameters)
     rows = next(iter(log.candidates("body_rate_setpoint")), None)
@@ -173,13 +160,8 @@ def pid_parameters(parameters: Mapping[str, float], name: str) -> dict[str, floa
 
     Parameters
     ----------
-    parameters : mapping of str to float
     name : str
         RLL, PIT or YAW.
-
-    Returns
-    -------
-    dict of str to float
     """
     return by_short_names(parameters, f"ATC_RAT_{name}_", _NEEDED, _OPTIONAL)
 
@@ -255,16 +237,3 @@ def _common_remarks(
     boost = parameters.get("ATC_THR_G_BOOST", 0.0)
     if boost > 0.0:
         yield ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, values={"ATC_THR_G_BOOST": boost})
-
-
-def _axis_remarks(parameters: Mapping[str, float], axis: str, name: str) -> Iterator[ControllerRemark]:
-    """Yield what makes the axis' gains other than those of the parameters at times."""
-    landing = f"ATC_LAND_{name[0]}_MULT"
-    for kind, parameter, way in (
-        (RemarkKind.SLEW_LIMIT, f"ATC_RAT_{name}_SMAX", 0.0),
-        (RemarkKind.PD_LIMIT, f"ATC_RAT_{name}_PDMX", 0.0),
-        (RemarkKind.VARIABLE_GAIN, landing, 1.0),
-    ):
-        value = parameters.get(parameter, way)
-        if value != way:
-            yield ControllerRemark(kind=kind, axis=axis, values={parameter: value})

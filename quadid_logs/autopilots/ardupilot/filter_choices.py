@@ -44,15 +44,10 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
 
     Parameters
     ----------
-    log : FlightLog
     parameters : mapping of str to float
         That flew: what is not among them, this version does not have.
     lines : sequence of Line
         Of the gyro's spectrum about all axes.
-
-    Returns
-    -------
-    FilterChoices
     """
     shared = low_passes_on(parameters, {"INS_GYRO_FILTER": _GYRO})
     return FilterChoices(
@@ -76,7 +71,14 @@ def _notches(
     used = [name for name in available if parameters[f"{name}_ENABLE"] == 1.0]
     placed = notch_sets(parameters, log.followed, log.version)
     # Of a set whose places nobody knows nothing is said.
-    idle = [name for name in used if name in placed and not _stands_on_a_line(placed[name], lines)]
+    idle = [
+        name
+        for name in used
+        if name in placed
+        and not any(
+            is_on(one, line_hz) for notches in placed[name] for one in notches for line_hz in lines.all_hz
+        )
+    ]
     off = {f"{name}_ENABLE": 0.0 for name in idle}
     if off:
         yield off
@@ -95,11 +97,6 @@ def _notches(
         }
         if on:
             yield off | on
-
-
-def _stands_on_a_line(places: Places, lines: SortedLines) -> bool:
-    """Tell whether a notch was on any line at any time."""
-    return any(is_on(one, line_hz) for notches in places for one in notches for line_hz in lines.all_hz)
 
 
 def _is_covered(

@@ -54,7 +54,6 @@ def parameter_filter(
 
     Parameters
     ----------
-    parameters : mapping of str to float
     followed : mapping of str to ndarray, shape (n_instants, n_columns)
         Of the log: see `followed.followed`.
     version : tuple of int or None
@@ -87,10 +86,7 @@ def notch_sets(
 ) -> dict[str, Places]:
     """Return where the notches of each set stood, by the set's name; see `parameter_filter`.
 
-    Returns
-    -------
-    dict of str to Places
-        One instant for what did not move; a set of which it is not known is not in it.
+    One instant for what did not move; a set of which it is not known is not in it.
     """
     fades = version is None or version >= _FADES_SINCE
     found = {name: _Set.of(parameters, name, fades=fades) for name in _SETS if _is_on(parameters, name)}

@@ -37,10 +37,6 @@ def flight_script(sweeps: Sequence[Mapping[str, object]], multisine: Mapping[str
     multisine : mapping
         ``period_s``, ``periods``; by axis ``lines`` of frequency [Hz] and phase [rad], ``scale_dps`` of each
         line and ``limit_dps`` of their sum.
-
-    Returns
-    -------
-    str
     """
     values = {"SWITCH": SWITCH, **_LIMITS}
     lines = [

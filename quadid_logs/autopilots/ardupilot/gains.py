@@ -25,19 +25,7 @@ _QUIKTUNE_YAW_FLTE_HZ: Final = 2.0
 
 
 def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = None) -> Tunable:
-    """Return the gains that may be changed.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Of the log.
-    version : tuple of int, optional
-        Of its firmware.
-
-    Returns
-    -------
-    Tunable
-    """
+    """Return the gains that may be changed."""
     axes = {axis: _names(name, version) for axis, name in AXIS_NAMES.items()}
     return Tunable(
         axes=axes,

@@ -75,8 +75,6 @@ def identify_vehicle(
     ----------
     texts : sequence of str
         VER.FWS, then lines before the first FMT, then MSG texts.
-    parameters : mapping of str to float
-        The vehicle's parameters.
     build_type : int or None
         VER.BU, None where not logged.
     n_motors : int

@@ -15,7 +15,7 @@ from quadid_logs.autopilots.ardupilot.clock import TIME_LABELS, LogClock, own_ti
 from quadid_logs.autopilots.ardupilot.filters import parameter_filter
 from quadid_logs.autopilots.ardupilot.followed import LABELS as FOLLOWED_LABELS
 from quadid_logs.autopilots.ardupilot.followed import MESSAGES, followed
-from quadid_logs.autopilots.ardupilot.identity import VehicleIdentity, identify_vehicle, mode_name
+from quadid_logs.autopilots.ardupilot.identity import identify_vehicle, mode_name
 from quadid_logs.autopilots.ardupilot.outer import POSITION_LABELS, POSITION_MESSAGES, position_rows
 from quadid_logs.autopilots.ardupilot.signals import (
     LABELS,
@@ -54,14 +54,8 @@ def read_binary(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG
 
     Parameters
     ----------
-    path : str or Path
-        The file.
     system : int
         Not used: a DataFlash file holds one vehicle.
-
-    Returns
-    -------
-    FlightLog
 
     Raises
     ------
@@ -78,14 +72,8 @@ def read_text(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG00
 
     Parameters
     ----------
-    path : str or Path
-        The file.
     system : int
         Not used: a DataFlash file holds one vehicle.
-
-    Returns
-    -------
-    FlightLog
 
     Raises
     ------
@@ -103,8 +91,6 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
 
     Parameters
     ----------
-    source : MessageSource
-        The opened file.
     log_format : str
         "dataflash" or "dataflash-text".
     preamble : tuple of str
@@ -123,13 +109,28 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
     clock = LogClock(tables.values())
     parameters = tables["PARM"].named_values("Name", "Value") if "PARM" in tables else {}
     texts = _texts(tables.get("MSG"), clock)
-    identity = _identity(source, tables.get("VER"), [*preamble, *(text.text for text in texts)], parameters)
+    version = tables.get("VER")
+    told = [*preamble, *(text.text for text in texts)]
+    build_type = None
+    if version is not None and version.has_numbers("BU"):
+        build_type = int(version.integers("BU")[-1])
+    if version is not None and version.has_text("FWS"):
+        told = [str(version.columns["FWS"][-1]), *told]
+    # The old message MOT has a column for each motor.
+    n_motors = next((len(each.columns) for each in source.definitions if each.name == "MOT"), 0)
+    identity = identify_vehicle(told, parameters, build_type=build_type, n_motors=n_motors)
     pids = {name: table for name, table in tables.items() if name in _PIDS | {SCALE_MESSAGE}}
     tables.pop(SCALE_MESSAGE, None)
     if identity.vehicle_type in _OTHER_PIDS or "RATE" in source.counts:
         tables = {name: table for name, table in tables.items() if name not in _PIDS}
     messages = Messages(tables, clock, identity.version)
-    attitude_hz = _attitude_rate_hz(parameters)
+    # The rate that LOG_BITMASK promises for RATE and ANG, NaN where it promises none.
+    bits = whole_number(parameters.get("LOG_BITMASK"))
+    attitude_hz = (
+        parameters.get("SCHED_LOOP_RATE", math.nan)
+        if bits & _FAST_ATTITUDE
+        else (_MEDIUM_HZ if bits & _MEDIUM_ATTITUDE else math.nan)
+    )
     movers = build_signals(
         [one for one in SOURCES if one.signal in ("throttle", "rotor_speed")], messages.parts
     )
@@ -182,22 +183,6 @@ def _swept_axes(log: FlightLog) -> tuple[str, ...]:
     places = injecting[np.unique(np.searchsorted(changes, injecting), return_index=True)[1]]
     numbers = {whole_number(log.parameters_at(place).get("SID_AXIS")) for place in places.tolist()}
     return tuple(axis for column, axis in enumerate(AXES) if numbers & {*_SWEEPS[column::3]})
-
-
-def _identity(
-    source: MessageSource,
-    version: MessageTable | None,
-    texts: list[str],
-    parameters: Mapping[str, float],
-) -> VehicleIdentity:
-    """Tell what flew from VER, texts, parameters, and how many motors the old message MOT has."""
-    build_type = None
-    if version is not None and version.has_numbers("BU"):
-        build_type = int(version.integers("BU")[-1])
-    if version is not None and version.has_text("FWS"):
-        texts = [str(version.columns["FWS"][-1]), *texts]
-    n_motors = next((len(each.columns) for each in source.definitions if each.name == "MOT"), 0)
-    return identify_vehicle(texts, parameters, build_type=build_type, n_motors=n_motors)
 
 
 def _parameter_changes(table: MessageTable | None, clock: LogClock) -> tuple[ParameterChange, ...]:
@@ -271,14 +256,6 @@ def _counts(source: MessageSource) -> tuple[MessageCount, ...]:
         MessageCount(name=name, count=count, rate_hz=mean_rate_hz(count, times.get(name)))
         for name, count in sorted(source.counts.items())
     )
-
-
-def _attitude_rate_hz(parameters: Mapping[str, float]) -> float:
-    """Return the rate that LOG_BITMASK promises for RATE and ANG [Hz], NaN where it promises none."""
-    bits = whole_number(parameters.get("LOG_BITMASK"))
-    if bits & _FAST_ATTITUDE:
-        return parameters.get("SCHED_LOOP_RATE", math.nan)
-    return _MEDIUM_HZ if bits & _MEDIUM_ATTITUDE else math.nan
 
 
 def _remarks(

@@ -103,12 +103,6 @@ def mix(
         RATE.AOut [1].
     factors : ndarray, shape (n_rotors, 4)
         Roll, pitch, yaw and throttle factor of each motor; the last is 1 in every frame of the table.
-    supply : Supply
-    yaw_headroom : float
-
-    Returns
-    -------
-    MixerOutput
     """
     roll, pitch, yaw = (command * supply.gain[:, None]).T
     highest = supply.throttle_limit * supply.gain
@@ -147,8 +141,6 @@ def actuator_of_thrust(thrust: FloatArray, supply: Supply, settings: MotorSettin
     ----------
     thrust : ndarray, shape (n_samples, n_rotors)
         Fraction of the available thrust [1].
-    supply : Supply
-    settings : MotorSettings
     """
     lifted = supply.lift_max[:, None] * np.clip(thrust, 0.0, 1.0)
     return np.clip(throttle_of_thrust(lifted, settings) / _voltage(supply), 0.0, 1.0)
@@ -180,8 +172,6 @@ def full_battery_thrust(actuator: FloatArray, supply: Supply, settings: MotorSet
     ----------
     actuator : ndarray, shape (n_samples, n_rotors)
         Motor command, 0 at MOT_SPIN_MIN to 1 at MOT_SPIN_MAX.
-    supply : Supply
-    settings : MotorSettings
     """
     y = voltage_effective(actuator, supply)
     e = float(np.clip(settings.expo, -1.0, 1.0))
@@ -195,7 +185,6 @@ def voltage_effective(actuator: FloatArray, supply: Supply) -> FloatArray:
     ----------
     actuator : ndarray, shape (n_samples, n_rotors)
         Motor command, 0 at MOT_SPIN_MIN to 1 at MOT_SPIN_MAX.
-    supply : Supply
     """
     return np.asarray(actuator * _voltage(supply), dtype=np.float64)
 
@@ -212,7 +201,6 @@ def pulse_width(actuator: FloatArray, settings: MotorSettings) -> FloatArray:
     ----------
     actuator : ndarray, shape (n_samples, n_rotors)
         Motor command, 0 at MOT_SPIN_MIN to 1 at MOT_SPIN_MAX.
-    settings : MotorSettings
     """
     spin = settings.spin_min + (settings.spin_max - settings.spin_min) * actuator
     # A hair of slack: what single precision rounds up, double precision leaves just below.
@@ -225,7 +213,6 @@ def actuator_of_pulse(pulse_us: FloatArray, settings: MotorSettings) -> FloatArr
     Parameters
     ----------
     pulse_us : ndarray, shape (n_samples, n_rotors)
-    settings : MotorSettings
     """
     # Half a microsecond for what the firmware cut off.
     spin = (pulse_us + 0.5 - settings.pwm_min_us) / (settings.pwm_max_us - settings.pwm_min_us)

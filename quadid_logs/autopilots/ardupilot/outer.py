@@ -125,14 +125,6 @@ def _of_direction(table: MessageTable, rows: Rows, labels: Mapping[str, str], di
 def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
     """Return the controllers around the rate loop that the parameters make.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-
-    Returns
-    -------
-    OuterControllers
-
     Notes
     -----
     With ATC_RATE_FF_ENAB the shaper gives a target that lags the wanted angle by ATC_INPUT_TC for small
@@ -225,9 +217,6 @@ def attitude_rows(
 
     Parameters
     ----------
-    log : FlightLog
-    parameters : mapping of str to float
-        Those that flew.
     intervals : sequence of (start_s, end_s)
         Flights on the log's own clock; none for the whole log.
 
@@ -313,9 +302,6 @@ def shaper_rows(
 
     Parameters
     ----------
-    log : FlightLog
-    parameters : mapping of str to float
-        Those that flew.
     intervals : sequence of (start_s, end_s)
         Flights on the log's own clock; none for the whole log.
 

@@ -40,8 +40,6 @@ def replay_inputs(
 
     Parameters
     ----------
-    log : FlightLog
-    controllers : FlownControllers
     intervals : sequence of (start_s, end_s)
         Flights on the log's own clock; none for the whole log.
 
@@ -82,8 +80,6 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, name: str) -> Repl
 
     Parameters
     ----------
-    rows : AxisRows
-    parameters : mapping of str to float
     name : str
         RLL, PIT or YAW.
 

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.arrays import AnyArray, FloatArray
 from quadid_logs.autopilots.ardupilot.clock import TIME_LABELS, LogClock
 from quadid_logs.autopilots.sources import RPM, Built, Part, Source, messages_of, plain, stacked
 from quadid_logs.containers.message_table import MessageTable
@@ -499,7 +499,6 @@ def controller_terms(tables: Mapping[str, MessageTable], clock: LogClock) -> tup
     ----------
     tables : mapping of str to MessageTable
         PIDR, PIDP, PIDY and ATSC as far as the log has them.
-    clock : LogClock
 
     Returns
     -------
@@ -544,10 +543,6 @@ def messages_to_read(present: Mapping[str, int]) -> frozenset[str]:
     ----------
     present : mapping of str to int
         Rows of each message in the log.
-
-    Returns
-    -------
-    frozenset of str
     """
     wanted = [source for source in SOURCES if source.unless not in present]
     return messages_of(wanted).union(*(source.joined for source in wanted))
@@ -558,20 +553,17 @@ def _complete_loops(tables: Mapping[str, MessageTable]) -> dict[str, MessageTabl
     found = [tables[name] for name in PID_MESSAGES if name in tables]
     if len(found) < len(PID_MESSAGES):
         return {}
-    rows = _same_loop([table.position for table in found])
-    return {table.name: table.rows(chosen) for table, chosen in zip(found, rows, strict=True)}
-
-
-def _same_loop(positions: list[IntArray]) -> list[IntArray]:
-    """Match rows of messages that each loop logs one after the other: R, P, Y without R between."""
+    # Match rows of messages that each loop logs one after the other: R, P, Y without R between.
+    positions = [table.position for table in found]
     first = positions[0]
     following = np.append(first[1:], np.iinfo(np.int64).max)
-    rows = [np.searchsorted(other, first) for other in positions[1:]]
+    matches = [np.searchsorted(other, first) for other in positions[1:]]
     complete = np.ones(len(first), np.bool_)
-    for other, row in zip(positions[1:], rows, strict=True):
+    for other, row in zip(positions[1:], matches, strict=True):
         inside = np.minimum(row, len(other) - 1)
         complete &= (row < len(other)) & (other[inside] < following)
-    return [np.flatnonzero(complete), *(row[complete] for row in rows)]
+    rows = [np.flatnonzero(complete), *(row[complete] for row in matches)]
+    return {table.name: table.rows(chosen) for table, chosen in zip(found, rows, strict=True)}
 
 
 def _instances(table: MessageTable, labels: tuple[str, ...]) -> list[tuple[int | None, MessageTable]]:

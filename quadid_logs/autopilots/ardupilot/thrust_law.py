@@ -20,15 +20,8 @@ _LEAST_RATIO: Final = 0.6
 def thrust_law(parameters: Mapping[str, float]) -> ThrustLaw:
     """Return the law of these parameters.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-
-    Returns
-    -------
-    ThrustLaw
-        MOT_THST_EXPO undoes the curve. Between MOT_BAT_VOLT_MIN and MOT_BAT_VOLT_MAX outputs are divided by
-        the battery's resting voltage over the latter, and commands by the density of the air.
+    MOT_THST_EXPO undoes the curve. Between MOT_BAT_VOLT_MIN and MOT_BAT_VOLT_MAX outputs are divided by the
+    battery's resting voltage over the latter, and commands by the density of the air.
     """
     prefix, settings = motor_prefix(parameters), motor_settings(parameters)
     highest_v = parameters.get(f"{prefix}MOT_BAT_VOLT_MAX", 0.0)

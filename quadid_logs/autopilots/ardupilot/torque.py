@@ -50,15 +50,7 @@ _DEFAULTS = {"MOT_THST_EXPO": 0.65, "MOT_SPIN_MIN": 0.15, "MOT_SPIN_MAX": 0.95, 
 def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     """Rebuild motor thrusts from RATE and the mixer, and from RCOU.
 
-    Parameters
-    ----------
-    log : CleanLog
-    airframe : Airframe
-
-    Returns
-    -------
-    Rebuilt
-        The series at loop rate first, unless its pulse widths do not fit.
+    The series at loop rate first, unless its pulse widths do not fit.
     """
     settings = motor_settings(log.log.parameters)
     if settings is None:
@@ -98,11 +90,6 @@ def motor_settings(known: Mapping[str, float]) -> MotorSettings | None:
 
     MOT_PWM_MIN and MOT_PWM_MAX of 0 mean the throttle stick's range
     (AP_MotorsMulticopter.cpp, `get_pwm_output_min`).
-
-    Parameters
-    ----------
-    known : mapping of str to float
-        The log's parameters.
     """
     prefix = motor_prefix(known)
     if f"{prefix}MOT_THST_EXPO" not in known or f"{prefix}MOT_SPIN_MIN" not in known:

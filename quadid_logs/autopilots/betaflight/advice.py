@@ -115,8 +115,12 @@ class BetaflightAdvice(Advice):
         told, speeds = "gyro, PID, set-points and motors", ""
         if version is None or version >= _RPM_SINCE:
             told, speeds = "gyro, PID, set-points, motors and RPM", "turn on bidirectional DShot, "
+        period_us = _period_us(parameters)
+        part = max(one for one in _SAMPLE_RATES if one == 1 or one * period_us <= _WANTED_US)
+        logged, loop = (f"{1e3 / each:.3g}" for each in (part * period_us, period_us))
+        sample_rate = f"blackbox_sample_rate = 1/{part} ({logged} kHz with a PID loop of {loop} kHz)"
         return (
-            f"On the command line set {_sample_rate(parameters)} and blackbox_mode = NORMAL, leave {told} "
+            f"On the command line set {sample_rate} and blackbox_mode = NORMAL, leave {told} "
             f"among the logged fields, {speeds}save, and fly again."
         )
 
@@ -229,14 +233,6 @@ def _period_us(parameters: Mapping[str, float]) -> float:
     """Return the loop's period of a log, or a common one [us]."""
     period_us = loop_period_us(parameters)
     return period_us if 0.0 < period_us <= _WANTED_US else _COMMON_LOOP_US
-
-
-def _sample_rate(parameters: Mapping[str, float]) -> str:
-    """Return the setting that logs 1 kHz, or what comes nearest from above, with the loop of a log."""
-    period_us = _period_us(parameters)
-    part = max(one for one in _SAMPLE_RATES if one == 1 or one * period_us <= _WANTED_US)
-    logged, loop = (f"{1e3 / each:.3g}" for each in (part * period_us, period_us))
-    return f"blackbox_sample_rate = 1/{part} ({logged} kHz with a PID loop of {loop} kHz)"
 
 
 ADVICE: Final = BetaflightAdvice()

@@ -36,15 +36,8 @@ class _Match(NamedTuple):
 def find_airframe(log: FlightLog) -> Airframe | Unknown:
     """Compare the outputs' slopes on roll, pitch and yaw sums with the motor table, rotors either way round.
 
-    Parameters
-    ----------
-    log : FlightLog
-
-    Returns
-    -------
-    Airframe or Unknown
-        Factors are fractions of the outputs' range per unit of command. Unknown, by its name, where torque
-        does not follow from the thrusts.
+    Factors are fractions of the outputs' range per unit of command. Unknown, by its name, where torque does
+    not follow from the thrusts.
     """
     slopes = _slopes(log)
     motors = log.candidates("motor_thrust")

@@ -48,17 +48,7 @@ class Sweep(NamedTuple):
 
 
 def sweep_of(texts: Mapping[str, str]) -> Sweep | None:
-    """Return the sweep that a header's settings make, None in a build without the mode.
-
-    Parameters
-    ----------
-    texts : mapping of str to str
-        Of the header.
-
-    Returns
-    -------
-    Sweep or None
-    """
+    """Return the sweep that a header's settings make, None in a build without the mode."""
     cells = [texts.get(name, "").strip() for name in SWEEP_SETTINGS]
     if not all(cell.isdecimal() and len(cell) < 7 for cell in cells):
         return None
@@ -74,7 +64,6 @@ def excitation(debug: FloatArray, time_s: FloatArray, sweep: Sweep) -> FloatArra
     debug : ndarray, shape (n_rows, 4)
         The first fields of the debug mode, whichever it is.
     time_s : ndarray, shape (n_rows,)
-    sweep : Sweep
 
     Returns
     -------

@@ -82,14 +82,6 @@ def controllers(
     ----------
     log : FlightLog
         Tells the firmware, and throttle, rotor speeds and filter delays of the flight.
-    parameters : mapping of str to float
-        The header's settings.
-    axes : sequence of str
-        Those wanted.
-
-    Returns
-    -------
-    FlownControllers or None
 
     Notes
     -----
@@ -107,9 +99,15 @@ def controllers(
             for name in _OTHER_LAWS
             if (axis in _OTHER_LAWS[name] and (finite(parameters.get(name)) or 0.0) > 0.0)
         }
-        if _averages(log, parameters):
+        # D passes an average over rows then, whose length no header holds.
+        older = log.version is not None and log.version < _NO_AVERAGE_SINCE
+        if older and parameters.get("dterm_filter_type") == _AVERAGE:
             other["dterm_filter_type"] = _AVERAGE
-        missing = _missing(parameters, axis)
+        needed = [f"{short}_{axis}" for short in "pid"]
+        given = {name: finite(parameters.get(name)) for name in needed}
+        # A damaged header may hold any number; a gain below zero is none.
+        absent = [name for name, value in given.items() if value is None or value < 0.0]
+        missing = absent if loop_period_s(parameters) > 0.0 else [*absent, "looptime"]
         if other:
             remarks.append(ControllerRemark(kind=RemarkKind.NOT_MODELLED, axis=axis, values=other))
         elif missing:
@@ -117,7 +115,14 @@ def controllers(
             remarks.append(ControllerRemark(kind=RemarkKind.MISSING_PARAMETER, axis=axis, values=values))
         else:
             found[axis] = _axis(log, parameters, axis)
-            remarks += _axis_remarks(log, parameters, axis)
+            if axis in _LEVELLED and flown(log).levelling and _angle(log, parameters) is None:
+                remarks.append(ControllerRemark(kind=RemarkKind.ANGLE_LOOP_UNKNOWN, axis=axis))
+            gains = rate_gains(parameters, axis)
+            if gains.most_derivative > gains.derivative > 0.0:
+                names = (f"{short}_{axis}" for short in ("d", "d_min", "d_max"))
+                parts = {name: parameters[name] for name in names if name in parameters}
+                parts["mean_part"] = d_parts(log)[axis]
+                remarks.append(ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, axis=axis, values=parts))
     return FlownControllers(
         name="Betaflight's rate loop",
         firmware=log.firmware,
@@ -127,21 +132,6 @@ def controllers(
         remarks=tuple(remarks),
         command_unit=CommandUnit("unit of the PID sum", 1.0 / PID_SCALE),
     )
-
-
-def _averages(log: FlightLog, parameters: Mapping[str, float]) -> bool:
-    """Tell whether D passes an average over rows, whose length no header holds."""
-    older = log.version is not None and log.version < _NO_AVERAGE_SINCE
-    return older and parameters.get("dterm_filter_type") == _AVERAGE
-
-
-def _missing(parameters: Mapping[str, float], axis: str) -> list[str]:
-    """Return the settings without which there is no loop."""
-    needed = [f"{short}_{axis}" for short in "pid"]
-    given = {name: finite(parameters.get(name)) for name in needed}
-    # A damaged header may hold any number; a gain below zero is none.
-    missing = [name for name, value in given.items() if value is None or value < 0.0]
-    return missing if loop_period_s(parameters) > 0.0 else [*missing, "looptime"]
 
 
 def _axis(log: FlightLog, parameters: Mapping[str, float], axis: str) -> AxisController:
@@ -239,15 +229,3 @@ def _common_remarks(parameters: Mapping[str, float], mean: Flown) -> Iterator[Co
     }
     if moving:
         yield ControllerRemark(kind=RemarkKind.VARIABLE_FILTER, values=moving)
-
-
-def _axis_remarks(log: FlightLog, parameters: Mapping[str, float], axis: str) -> Iterator[ControllerRemark]:
-    """Yield what makes the axis' gains other than those of the settings at times, or hides a loop."""
-    if axis in _LEVELLED and flown(log).levelling and _angle(log, parameters) is None:
-        yield ControllerRemark(kind=RemarkKind.ANGLE_LOOP_UNKNOWN, axis=axis)
-    gains = rate_gains(parameters, axis)
-    if gains.most_derivative > gains.derivative > 0.0:
-        names = (f"{short}_{axis}" for short in ("d", "d_min", "d_max"))
-        values = {name: parameters[name] for name in names if name in parameters}
-        values["mean_part"] = d_parts(log)[axis]
-        yield ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, axis=axis, values=values)

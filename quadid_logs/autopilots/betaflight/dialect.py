@@ -49,14 +49,7 @@ class Firmware(NamedTuple):
 def firmware_of(texts: Mapping[str, str]) -> Firmware:
     """Return name and version of the firmware that wrote a header.
 
-    Parameters
-    ----------
-    texts : mapping of str to str
-
-    Returns
-    -------
-    Firmware
-        Its type where the revision holds no name. All of the family called their type Cleanflight until 4.3.
+    Its type where the revision holds no name. All of the family called their type Cleanflight until 4.3.
     """
     revision, kind = texts.get("Firmware revision", ""), texts.get("Firmware type", "")
     if match := _REVISION.match(revision):
@@ -102,14 +95,7 @@ class Dialect:
     def is_mine(self, head: bytes) -> bool:
         """Tell whether a file that begins with these bytes is a Blackbox file of this firmware.
 
-        Parameters
-        ----------
-        head : bytes
-
-        Returns
-        -------
-        bool
-            By the first header.
+        By the first header.
         """
         if not is_mine(head):
             return False
@@ -140,16 +126,7 @@ def fields_of(sources: tuple[Source[Any], ...]) -> tuple[str, ...]:
 
 
 def settings_of(texts: Mapping[str, str]) -> dict[str, float]:
-    """Return the numbers of a header; those of a list by name and place, as ``rollPID[0]``.
-
-    Parameters
-    ----------
-    texts : mapping of str to str
-
-    Returns
-    -------
-    dict of str to float
-    """
+    """Return the numbers of a header; those of a list by name and place, as ``rollPID[0]``."""
     found: dict[str, float] = {}
     for name, text in texts.items():
         if name.startswith("Field "):
@@ -162,17 +139,7 @@ def settings_of(texts: Mapping[str, str]) -> dict[str, float]:
 
 
 def common_settings(settings: Mapping[str, float], version: Version | None) -> dict[str, float]:
-    """Return settings under the names of later versions, with the gains by those of the command line.
-
-    Parameters
-    ----------
-    settings : mapping of str to float
-    version : tuple of int or None
-
-    Returns
-    -------
-    dict of str to float
-    """
+    """Return settings under the names of later versions, with the gains by those of the command line."""
     found = with_later_names(settings, version)
     return found | named_gains(found)
 

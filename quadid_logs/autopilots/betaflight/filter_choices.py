@@ -28,9 +28,6 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
 
     Parameters
     ----------
-    log : FlightLog
-    parameters : mapping of str to float
-        Of the log's header.
     lines : sequence of Line
         Of the gyro's spectrum about all axes.
 

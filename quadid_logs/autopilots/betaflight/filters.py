@@ -63,8 +63,6 @@ def settings_filter(settings: Mapping[str, float], rotors_hz: Sequence[float]) -
 
     Parameters
     ----------
-    settings : mapping of str to float
-        Of the log's header.
     rotors_hz : sequence of float
         Mean speed of each rotor, at which the RPM filter's notches stand; none where they are not logged.
 
@@ -104,14 +102,8 @@ def cutoff_hz(settings: Mapping[str, float], names: LowPassNames, throttle: floa
 
     Parameters
     ----------
-    settings : mapping of str to float
-    names : LowPassNames
     throttle : float
         From 0 to 1, by which a dynamic one moves between its ends.
-
-    Returns
-    -------
-    float
 
     Notes
     -----
@@ -137,11 +129,6 @@ def low_pass(
     ----------
     settings, names, throttle
         As of `cutoff_hz`.
-    period_s : float
-
-    Returns
-    -------
-    tuple of DiscreteFilter
 
     Notes
     -----
@@ -171,7 +158,6 @@ def loop_filters(
 
     Parameters
     ----------
-    settings : mapping of str to float
     rotors_hz : sequence of float
         Mean speed of each rotor; none where they are not logged.
     throttle : float
@@ -265,7 +251,6 @@ def measured_filter(filtered: FloatArray, unfiltered: FloatArray, period_s: floa
     ----------
     filtered, unfiltered : ndarray, shape (n_rows, n_axes)
         Rates of the same rows, in the same unit.
-    period_s : float
 
     Returns
     -------

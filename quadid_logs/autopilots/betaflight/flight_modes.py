@@ -24,13 +24,8 @@ def flight_modes(slow: FrameTable | None, rows: Rows) -> tuple[ModeChange, ...]:
 
     Parameters
     ----------
-    slow : FrameTable or None
     rows : Rows
         Of the main frames.
-
-    Returns
-    -------
-    tuple of ModeChange
     """
     flags = None if slow is None else slow.column("flightModeFlags")
     if slow is None or flags is None or not len(flags):

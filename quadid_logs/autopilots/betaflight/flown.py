@@ -10,7 +10,7 @@ import numpy as np
 from quadid_logs.autopilots.betaflight.filters import measured_filter
 from quadid_logs.autopilots.betaflight.flight_modes import SELF_LEVELLING
 from quadid_logs.autopilots.loop_rows import in_step
-from quadid_logs.data.log import FlightLog, Signal
+from quadid_logs.data.log import FlightLog
 from quadid_logs.data.once import once
 
 #: With less throttle a quadrotor stands on the ground, where the PID is reset, or falls.
@@ -45,16 +45,7 @@ class Flown(NamedTuple):
 
 @once
 def flown(log: FlightLog) -> Flown:
-    """Return what a flight was like on average.
-
-    Parameters
-    ----------
-    log : FlightLog
-
-    Returns
-    -------
-    Flown
-    """
+    """Return what a flight was like on average."""
     throttle = next(iter(log.candidates("throttle")), None)
     if throttle is None:
         return Flown(0.0, 0.0, (), _gyro_delay_s(log), _levelling(log))
@@ -86,9 +77,5 @@ def _gyro_delay_s(log: FlightLog) -> float:
     unfiltered = next((one for one in sources if one.source == "main.gyroUnfilt"), None)
     if filtered is None or unfiltered is None or filtered.n_samples < 2:
         return math.nan
-    found = measured_filter(filtered.values, unfiltered.values, _period_s(filtered))
+    found = measured_filter(filtered.values, unfiltered.values, float(np.median(np.diff(filtered.time_s))))
     return math.nan if found is None else math.sqrt(2.0) / (2.0 * math.pi * found.low_pass_hz)
-
-
-def _period_s(signal: Signal) -> float:
-    return float(np.median(np.diff(signal.time_s)))

@@ -16,16 +16,8 @@ _HIGHEST, _HIGHEST_BEFORE = 250.0, 200.0
 def tunable(parameters: Mapping[str, float]) -> Tunable:
     """Return the gains that may be changed.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Of the log.
-
-    Returns
-    -------
-    Tunable
-        P, I and D are scaled together, and with D the other end of its range. Feed-forward is no part of the
-        loop, and stays.
+    P, I and D are scaled together, and with D the other end of its range. Feed-forward is no part of the
+    loop, and stays.
     """
     # Name what changes the loop and is not modelled.
     if parameters.get("tpa_curve_type", 0.0) != 0.0:

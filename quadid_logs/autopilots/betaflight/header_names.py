@@ -60,7 +60,6 @@ def with_later_names(settings: Mapping[str, float], version: tuple[int, ...] | N
 
     Parameters
     ----------
-    settings : mapping of str to float
     version : tuple of int or None
         Of the firmware; None for one that is recent or not known.
 

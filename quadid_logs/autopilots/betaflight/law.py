@@ -54,8 +54,6 @@ def angle_gain_per_s(
 
     Parameters
     ----------
-    settings : mapping of str to float
-        The header's.
     modes : collection of str
         "Angle", "Horizon", or both. Horizon mode levels by less, the more the sticks ask for.
     version : tuple of int or None
@@ -107,10 +105,6 @@ def full_stick_rad_s(settings: Mapping[str, float]) -> float:
 
 def angle_delay_s(version: tuple[int, ...] | None = None) -> float:
     """Return how old the angle is that a rate set-point is made of, its smoothing included.
-
-    Parameters
-    ----------
-    version : tuple of int or None
 
     Returns
     -------
@@ -166,13 +160,8 @@ def rate_gains(settings: Mapping[str, float], axis: str, version: tuple[int, ...
     ----------
     settings : mapping of str to float
         By the names of `named_gains`.
-    axis : str
     version : tuple of int or None
         Of the firmware; None for a recent one.
-
-    Returns
-    -------
-    RateGains
 
     Raises
     ------
@@ -196,7 +185,6 @@ def attenuation(settings: Mapping[str, float], throttle: FloatArray | float) -> 
 
     Parameters
     ----------
-    settings : mapping of str to float
     throttle : ndarray or float
         From 0 to 1.
 
@@ -232,14 +220,8 @@ def d_filter(settings: Mapping[str, float], throttle: float, loop_s: float) -> D
 
     Parameters
     ----------
-    settings : mapping of str to float
     throttle : float
         By which the first low-pass moves.
-    loop_s : float
-
-    Returns
-    -------
-    DiscreteFilter
     """
     return reduce(mul, d_filters(settings, throttle, loop_s).values(), derivative(loop_s))
 

@@ -24,7 +24,6 @@ from quadid_logs.containers.blackbox import BlackboxContent, FrameTable, read_co
 from quadid_logs.containers.content import mean_rate_hz
 from quadid_logs.data.log import (
     FlightLog,
-    GyroFilter,
     MessageCount,
     Rows,
     Signal,
@@ -53,17 +52,10 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
 
     Parameters
     ----------
-    dialect : Dialect
-        Of the firmware.
-    path : str or Path
     system : int
         Has no effect: a Blackbox log holds one vehicle.
     number : int
         Which log of the file, from 1; 0 takes the only one that holds frames.
-
-    Returns
-    -------
-    FlightLog
 
     Raises
     ------
@@ -86,7 +78,10 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
         )
     firmware = firmware_of(header.texts)
     settings = dialect.settings(settings_of(header.texts), firmware.version)
-    rows = Rows(_time_s(main), main.position)
+    # The firmware's clock of 32 bits begins anew every 71 minutes.
+    time_us = main.columns["time"].astype(np.int32).view(np.uint32).astype(np.int64)
+    turns = np.cumsum(np.diff(time_us, prepend=time_us[:1]) < -(_WORD // 2))
+    rows = Rows(np.asarray((time_us + turns * _WORD) / 1e6), main.position)
     modes = flight_modes(content.tables.get("S"), rows)
     levels = in_modes(modes, SELF_LEVELLING, rows.time_s)
     facts = dialect.facts(header, settings, firmware.version, main, levels)
@@ -101,6 +96,13 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
         vehicle_type = MULTIROTOR if "motor[2]" in fields else "unknown"
     swept_axes = _swept_axes(main)  # before the signals take the columns
     signals = _signals(dialect, content, settings, rows, facts)
+    remarks = []
+    if len(content.starts) > 1:
+        remarks.append(f"The file holds {len(content.starts)} logs; this is log {content.number}.")
+    if system:
+        remarks.append("A Blackbox log holds one vehicle: the chosen system was not needed.")
+    if not facts.has_set_points and facts.levels.any():
+        remarks.append("In angle and horizon mode the sticks ask for angles: set-points are not known there.")
     return FlightLog(
         path=str(path),
         format="blackbox",
@@ -116,9 +118,16 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
         lost=content.lost,
         controller_terms=terms,
         modes=modes,
-        counts=_counts(content, rows.time_s),
+        counts=tuple(
+            MessageCount(
+                name=_KINDS[letter],
+                count=len(table.position),
+                rate_hz=mean_rate_hz(len(rows.time_s), rows.time_s) if letter == "I" else math.nan,
+            )
+            for letter, table in content.tables.items()
+        ),
         utc_offset_s=_utc_offset_s(header.texts.get("Log start datetime", ""), rows.time_s),
-        remarks=_remarks(content, system, facts),
+        remarks=tuple(remarks),
     )
 
 
@@ -147,22 +156,20 @@ def _refuse_others(path: str | Path, dialect: Dialect, texts: Mapping[str, str])
     raise UnknownFormatError(f"{path} is a Blackbox log of {name}, not of {dialect.name}.", hint=hint)
 
 
-def _time_s(main: FrameTable) -> FloatArray:
-    """Return the time of each frame [s]; the firmware's clock of 32 bits begins anew every 71 minutes."""
-    time_us = main.columns["time"].astype(np.int32).view(np.uint32).astype(np.int64)
-    turns = np.cumsum(np.diff(time_us, prepend=time_us[:1]) < -(_WORD // 2))
-    return np.asarray((time_us + turns * _WORD) / 1e6)
-
-
 def _signals(
     dialect: Dialect, content: BlackboxContent, settings: Mapping[str, float], rows: Rows, facts: Facts
 ) -> dict[str, tuple[Signal, ...]]:
     """Make the signals of the main frames, whose fields are gone afterwards."""
     main = content.tables["I"]
     part = Part(name="main", table=main, rows=rows, log=facts)
-    known = _measured_filter(dialect, main, rows.time_s) or settings_filter(
-        settings, _rotors_hz(dialect, part)
+    filtered, unfiltered = (
+        stacked(main, [f"{name}[{axis}]" for axis in range(3)], dtype=np.float32)
+        for name in ("gyroADC", dialect.unfiltered)
     )
+    known = None
+    if filtered is not None and unfiltered is not None and len(rows.time_s) > 1:
+        known = measured_filter(filtered, unfiltered, float(np.median(np.diff(rows.time_s))))
+    known = known or settings_filter(settings, _rotors_hz(dialect, part))
 
     uses = Counter(field for source in dialect.sources for field in (*source.fields, *source.optional))
 
@@ -177,17 +184,6 @@ def _signals(
     return build_signals(dialect.sources, parts_of, gyro_filter=known)
 
 
-def _measured_filter(dialect: Dialect, main: FrameTable, time_s: FloatArray) -> GyroFilter | None:
-    """Compare the gyro before and behind its filters, where both are logged."""
-    filtered, unfiltered = (
-        stacked(main, [f"{name}[{axis}]" for axis in range(3)], dtype=np.float32)
-        for name in ("gyroADC", dialect.unfiltered)
-    )
-    if filtered is None or unfiltered is None or len(time_s) < 2:
-        return None
-    return measured_filter(filtered, unfiltered, float(np.median(np.diff(time_s))))
-
-
 def _rotors_hz(dialect: Dialect, part: Part[FrameTable]) -> tuple[float, ...]:
     """Return the mean speed of each rotor [Hz], none where it is not logged."""
     speed = next((source for source in dialect.sources if source.signal == "rotor_speed"), None)
@@ -197,18 +193,6 @@ def _rotors_hz(dialect: Dialect, part: Part[FrameTable]) -> tuple[float, ...]:
     return tuple((values.mean(axis=0, dtype=np.float64) / (2.0 * math.pi)).tolist())
 
 
-def _counts(content: BlackboxContent, time_s: FloatArray) -> tuple[MessageCount, ...]:
-    """List the kinds of frames; only the main ones have a time."""
-    return tuple(
-        MessageCount(
-            name=_KINDS[letter],
-            count=len(table.position),
-            rate_hz=mean_rate_hz(len(time_s), time_s) if letter == "I" else math.nan,
-        )
-        for letter, table in content.tables.items()
-    )
-
-
 def _utc_offset_s(start: str, time_s: FloatArray) -> float:
     """Return UTC minus the log's clock [s]; the year is 0 where the clock was never set."""
     try:
@@ -216,15 +200,3 @@ def _utc_offset_s(start: str, time_s: FloatArray) -> float:
     except ValueError:
         return math.nan
     return began.timestamp() - float(time_s[0]) if began.year > 2001 and began.tzinfo else math.nan
-
-
-def _remarks(content: BlackboxContent, system: int, facts: Facts) -> tuple[str, ...]:
-    """Say what was decided or assumed."""
-    remarks = []
-    if len(content.starts) > 1:
-        remarks.append(f"The file holds {len(content.starts)} logs; this is log {content.number}.")
-    if system:
-        remarks.append("A Blackbox log holds one vehicle: the chosen system was not needed.")
-    if not facts.has_set_points and facts.levels.any():
-        remarks.append("In angle and horizon mode the sticks ask for angles: set-points are not known there.")
-    return tuple(remarks)

@@ -35,7 +35,6 @@ def unmixed(outputs: FloatArray, throttle: FloatArray, airframe: Airframe, log: 
     outputs : ndarray, shape (n_samples, n_rotors)
         From idle, 0, to where the mixer stops the motors, 1.
     throttle : ndarray, shape (n_samples,)
-    airframe : Airframe
     log : FlightLog
         Whose settings and version these are.
 
@@ -56,7 +55,6 @@ def mix_factor(throttle: FloatArray, settings: Mapping[str, float]) -> FloatArra
     Parameters
     ----------
     throttle : ndarray, shape (n,)
-    settings : mapping of str to float
 
     Returns
     -------
@@ -124,7 +122,6 @@ def highest_output(voltage: FloatArray, settings: Mapping[str, float]) -> FloatA
     ----------
     voltage : ndarray
         Of the battery [V].
-    settings : mapping of str to float
 
     Returns
     -------

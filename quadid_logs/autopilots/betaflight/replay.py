@@ -78,8 +78,6 @@ def replay_inputs(
 
     Parameters
     ----------
-    log : FlightLog
-    controllers : FlownControllers
     intervals : sequence of (start_s, end_s)
         Flights on the log's own clock; none for the whole log.
 
@@ -234,9 +232,6 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str, part: f
 
     Parameters
     ----------
-    rows : AxisRows
-    parameters : mapping of str to float
-    axis : str
     part : float or None
         Of the way from the lower to the higher D, on average; None where D stands in ``added``.
 
@@ -254,7 +249,9 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str, part: f
     )
     derivative = np.zeros(rows.n_rows)
     if part is not None:
-        derivative = -gains.between(part) * factor * _slope(rows, parameters)
+        slope_loop_s, n_slope_loops = loops_of(float(np.median(rows.step_s)), parameters)
+        used = d_filter(parameters, float(_throttle(rows).mean()), slope_loop_s)
+        derivative = -gains.between(part) * factor * _at_rows(used, rows.rate, n_slope_loops)
     none = np.zeros(rows.n_rows)
     values: dict[Term, FloatArray] = {"P": proportional, "I": none, "D": derivative, "FF": none}
     values["output"] = _limited(proportional + derivative + rows.added, parameters, axis)
@@ -263,13 +260,6 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str, part: f
 
 def _throttle(rows: AxisRows) -> FloatArray:
     return np.zeros(rows.n_rows) if rows.throttle is None else rows.throttle
-
-
-def _slope(rows: AxisRows, parameters: Mapping[str, float]) -> FloatArray:
-    """Return the filtered slope of the rate that D acts on [rad/s^2]."""
-    loop_s, n_loops = loops_of(float(np.median(rows.step_s)), parameters)
-    used = d_filter(parameters, float(_throttle(rows).mean()), loop_s)
-    return _at_rows(used, rows.rate, n_loops)
 
 
 def loops_of(period_s: float, parameters: Mapping[str, float]) -> tuple[float, int]:
@@ -296,15 +286,8 @@ def _at_rows(used: DiscreteFilter, values: FloatArray, n_loops: int) -> FloatArr
 def d_parts(log: FlightLog) -> Mapping[str, float]:
     """Return by axis how far D-max moved D from the lower to the higher one, on the average of the flight.
 
-    Parameters
-    ----------
-    log : FlightLog
-
-    Returns
-    -------
-    mapping of str to float
-        From 0 to 1, by least squares of the logged D on that of the lower gain; half-way where the log does
-        not show it.
+    From 0 to 1, by least squares of the logged D on that of the lower gain; half-way where the log does not
+    show it.
     """
     logged = _logged(log, ())
     return {axis: _part(log, axis, logged) for axis in AXES}

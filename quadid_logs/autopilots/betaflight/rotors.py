@@ -89,8 +89,6 @@ def full_output(fraction: FloatArray, settings: Mapping[str, float]) -> FloatArr
     ----------
     fraction : ndarray
         From idle, 0, to the highest output, 1.
-    settings : mapping of str to float
-        Of the log's header.
 
     Returns
     -------
@@ -110,16 +108,9 @@ def find_rotors(log: CleanLog, motors: CleanSeries, output: FloatArray, flown: B
 
     Parameters
     ----------
-    log : CleanLog
-    motors : CleanSeries
-        Whose rows these are.
     output : ndarray, shape (n_samples, n_rotors)
         As a fraction of full throttle.
     flown : ndarray of bool, shape (n_samples,)
-
-    Returns
-    -------
-    Rotors
     """
     one = np.ones((1, 1))
     common = Rotors(COMMON_EXPO, COMMON_LAG_S, _supply(log, motors, flown), one, measured=False)
@@ -132,7 +123,11 @@ def find_rotors(log: CleanLog, motors: CleanSeries, output: FloatArray, flown: B
         return common
     found = Rotors(expo, lag_s, one, one, measured=True)
     answered = behind_lag(found.thrust(output), motors.period_s, lag_s)
-    return found._replace(drift=_drift(speed**2, answered, flown, width))
+    # Measured over expected squares of the speeds, both means over some seconds, of mean 1.
+    measured, expected = (moving_mean(each, width, beyond="edge") for each in (speed**2, answered))
+    ratio = measured / np.maximum(expected, 1e-9)
+    ratio /= ratio[flown].mean()
+    return found._replace(drift=np.asarray(np.clip(ratio, *_BELIEVED, out=ratio)))
 
 
 def behind_lag(thrust: FloatArray, period_s: float, lag_s: float) -> FloatArray:
@@ -142,7 +137,6 @@ def behind_lag(thrust: FloatArray, period_s: float, lag_s: float) -> FloatArray:
     ----------
     thrust : ndarray, shape (n_samples, n_rotors)
         That the outputs ask for.
-    period_s, lag_s : float
 
     Returns
     -------
@@ -211,11 +205,3 @@ def _fitted(
 def _relative(columns: FloatArray, width: int) -> FloatArray:
     """Return columns over their running mean."""
     return np.asarray(columns / np.maximum(moving_mean(columns, width, beyond="edge"), 1e-9))
-
-
-def _drift(square: FloatArray, answered: FloatArray, flown: BoolArray, width: int) -> FloatArray:
-    """Return measured over expected squares of the speeds, both means over some seconds, of mean 1."""
-    measured, expected = (moving_mean(each, width, beyond="edge") for each in (square, answered))
-    ratio = measured / np.maximum(expected, 1e-9)
-    ratio /= ratio[flown].mean()
-    return np.asarray(np.clip(ratio, *_BELIEVED, out=ratio))

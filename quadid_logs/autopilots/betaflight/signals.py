@@ -117,10 +117,8 @@ class Facts:
 
         Parameters
         ----------
-        header : Header
         settings : mapping of str to float
             Its numbers, by the names of `header_names`.
-        version : tuple of int or None
         main : FrameTable
             Before any of its fields is gone.
         levels : ndarray of bool, shape (n_rows,)
@@ -169,16 +167,7 @@ def _volts(header: Header, settings: Mapping[str, float]) -> float:
 
 
 def cuts_terms(settings: Container[str]) -> bool:
-    """Tell whether terms were cut towards zero, by the names of a header: rounded ones are those of 4.4 on.
-
-    Parameters
-    ----------
-    settings : container of str
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether terms were cut towards zero, by a header's names: rounded ones are those of 4.4 on."""
     return _SINCE_ROUNDED not in settings
 
 
@@ -187,7 +176,6 @@ def middle(whole: NDArray[Any], *, cut: bool) -> NDArray[Any]:
 
     Parameters
     ----------
-    whole : ndarray
     cut : bool
         Towards zero: 3 stands for 3 to 4, and 0 for -1 to 1.
 

@@ -151,7 +151,6 @@ def sticks_of(settings: Mapping[str, float], version: tuple[int, ...] | None) ->
     ----------
     settings : mapping of str to float
         By the names of `header_names`.
-    version : tuple of int or None
 
     Returns
     -------
@@ -197,14 +196,8 @@ def told_by_p(
 
     Parameters
     ----------
-    sticks : Sticks
-    version : tuple of int
     command, rate, p : ndarray, shape (n, 3)
         Logged sticks, the gyro [deg/s], and the terms P, of rows in which sticks command rates.
-
-    Returns
-    -------
-    Sticks
     """
     if not _TWO_KINDS[0] <= version < _TWO_KINDS[1]:
         return sticks

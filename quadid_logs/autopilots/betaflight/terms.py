@@ -58,13 +58,8 @@ def controller_terms(main: FrameTable, rows: Rows, *, cut: bool) -> tuple[Contro
     ----------
     main : FrameTable
         Whose columns are kept as they are: two bytes a row.
-    rows : Rows
     cut : bool
         As of `signals.cuts_terms`.
-
-    Returns
-    -------
-    tuple of ControllerTerms
     """
     found = []
     for number, axis in enumerate(AXES):

@@ -20,7 +20,6 @@ def thrust_law(log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:
     ----------
     log : FlightLog
         Whose version it is.
-    parameters : mapping of str to float
 
     Returns
     -------

@@ -14,7 +14,7 @@ import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries, Rebuilt, any_motor
-from quadid_logs.align.series import CleanLog, CleanSeries
+from quadid_logs.align.series import CleanLog
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.autopilots.betaflight.mixer import highest_output, unmixed
 from quadid_logs.autopilots.betaflight.rotors import (
@@ -48,17 +48,7 @@ class _Scale(NamedTuple):
 
 
 def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
-    """Take the outputs through the propellers' thrust curve.
-
-    Parameters
-    ----------
-    log : CleanLog
-    airframe : Airframe
-
-    Returns
-    -------
-    Rebuilt
-    """
+    """Take the outputs through the propellers' thrust curve."""
     motors, command = log.first("motor_thrust"), log.first("torque_command")
     throttle = log.first("throttle")
     if motors is None or command is None or throttle is None:
@@ -69,7 +59,12 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     output = full_output(motors.values, log.log.parameters)
     flown = log.flown(motors.time_s, motors.values.mean(axis=1))
     rotors = find_rotors(log, motors, output, flown)
-    highest = _highest(log, motors)
+    battery = log.first("battery_voltage")
+    highest = (
+        np.ones((1, 1))
+        if battery is None
+        else highest_output(battery.at(motors.time_s), log.log.parameters)[:, np.newaxis]
+    )
     # Mark rows in which a motor is at a stop; shape (n_samples,).
     near = np.where(highest < 1.0, _NEAR_STOP, 0.0)
     at_stop = any_motor((motors.values <= 0.0) | (motors.values >= highest - near))
@@ -154,11 +149,3 @@ def _slopes(of: FloatArray, made: FloatArray) -> FloatArray:
     """Return each axis' slope on its own by least squares, the other axes and a constant beside; (3,)."""
     regressors = np.column_stack([of, np.ones(len(of))])
     return np.asarray(np.diag(np.linalg.lstsq(regressors, made, rcond=None)[0][:3]))
-
-
-def _highest(log: CleanLog, motors: CleanSeries) -> FloatArray:
-    """Return the highest output of each row; shape (n_samples, 1) or (1, 1)."""
-    battery = log.first("battery_voltage")
-    if battery is None:
-        return np.ones((1, 1))
-    return highest_output(battery.at(motors.time_s), log.log.parameters)[:, np.newaxis]

@@ -28,7 +28,6 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
 
     Parameters
     ----------
-    path : str or Path
     system : int
         Has no effect: a log holds one vehicle.
 

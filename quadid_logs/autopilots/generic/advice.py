@@ -112,10 +112,6 @@ class Advice:
             Of the log; what is set there is kept and added to.
         version : tuple of int, or None
             Of the firmware, None where the log does not say: taken for a recent one.
-
-        Returns
-        -------
-        str
         """
         if log_format == TABLE_FORMAT:
             return "Export the table with at least 100 rows per second."
@@ -143,11 +139,6 @@ class Advice:
         ----------
         axes : sequence of str
             Of "roll", "pitch" and "yaw", at least one.
-        version : tuple of int, or None
-
-        Returns
-        -------
-        str
         """
         return f"In calm air, {self._doublets(axes)}"
 
@@ -183,14 +174,7 @@ class Advice:
     def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:  # noqa: ARG002
         """Return the amplitude of the sweep that the autopilot can inject, by axis.
 
-        Parameters
-        ----------
-        version : tuple of int, or None
-
-        Returns
-        -------
-        mapping of str to float
-            Fraction of the mixer's range; empty where the autopilot injects none.
+        Fraction of the mixer's range; empty where the autopilot injects none.
         """
         return {}
 
@@ -199,13 +183,8 @@ class Advice:
 
         Parameters
         ----------
-        axis : str
         sweep : mapping of str to float
             magnitude [1], start_hz, stop_hz, fade_in_s, record_s, fade_out_s.
-
-        Returns
-        -------
-        tuple of (name, value)
         """
         raise NotImplementedError
 
@@ -218,16 +197,7 @@ class Advice:
         return ()
 
     def whole_files(self, axes: Sequence[str]) -> dict[str, str]:  # noqa: ARG002
-        """Return files of a plan that are no parameters, by name: what is logged, a script that flies.
-
-        Parameters
-        ----------
-        axes : sequence of str
-
-        Returns
-        -------
-        dict of str to str
-        """
+        """Return files of a plan that are no parameters, by name: what is logged, a script that flies."""
         return {}
 
     def excitation_files(
@@ -247,10 +217,6 @@ class Advice:
             [Hz] and phase [rad], ``scale_dps`` of each line and ``limit_dps`` of their sum.
         parameters : mapping of str to float
             Of the vehicle, where they are known.
-
-        Returns
-        -------
-        dict of str to str
         """
         return {}
 
@@ -261,24 +227,11 @@ class Advice:
         ----------
         parameters : mapping of str to float
             Of a log of the vehicle.
-
-        Returns
-        -------
-        dict of str to str
         """
         return {}
 
     def logging_needs_update(self, version: Version | None) -> bool:  # noqa: ARG002
-        """Return whether `logging` says to update the firmware.
-
-        Parameters
-        ----------
-        version : tuple of int, or None
-
-        Returns
-        -------
-        bool
-        """
+        """Return whether `logging` says to update the firmware."""
         return False
 
     def controller_note(self, version: Version | None) -> str:  # noqa: ARG002
@@ -299,14 +252,8 @@ class Advice:
 
         Parameters
         ----------
-        comment : str
-        settings : sequence of (name, value)
         parameters : mapping of str to float
             Of the log, which number the vehicle.
-
-        Returns
-        -------
-        str
         """
         return "\n".join((f"# {comment}", *(f"{name} {digits(value)}" for name, value in settings))) + "\n"
 
@@ -319,13 +266,8 @@ class Advice:
         ----------
         heading : sequence of str
             Comments before the first gain.
-        gains : sequence of (comment, name, value)
         parameters : mapping of str to float
             Of the log, which number the vehicle.
-
-        Returns
-        -------
-        str
         """
         raise NotImplementedError
 
@@ -340,16 +282,8 @@ class Advice:
 
         Parameters
         ----------
-        parameters : mapping of str to float
-            Of the log.
-        changed : collection of str
-            The parameters that change.
         back : bool
             For the way back to what flew.
-
-        Returns
-        -------
-        tuple of (comment, name, value)
         """
         return ()
 
@@ -362,13 +296,8 @@ class Advice:
 
         Parameters
         ----------
-        axes : sequence of str
         sweeps : mapping of str to mapping
             As for `steps`.
-
-        Returns
-        -------
-        tuple of str
         """
         return ()
 
@@ -377,13 +306,8 @@ class Advice:
 
         Parameters
         ----------
-        axes : sequence of str
         sweeps : mapping of str to mapping
             By axis, as for `sweep_settings`; empty where the pilot flies doublets.
-
-        Returns
-        -------
-        tuple of str
         """
         if sweeps:
             raise NotImplementedError

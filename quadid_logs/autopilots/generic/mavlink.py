@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -207,13 +207,8 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
 
     Parameters
     ----------
-    path : str or Path
     system : int
         System id; 0 chooses the autopilot with most messages.
-
-    Returns
-    -------
-    FlightLog
 
     Raises
     ------
@@ -224,6 +219,10 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     """
     content = read_content(path, MESSAGES, system=system)
     chosen, texts, parameters = content.chosen, _texts(content), _parameters(content)
+    stated = [match[1] for text in texts if (match := _FRAME.match(text.text))]
+    message = content.messages.get("SYSTEM_TIME")
+    # ArduPlane may call a plane that hovers fixed-wing, too.
+    hovers = parameters.get("Q_ENABLE", 0.0) > 0.0
     return FlightLog(
         path=str(path),
         format="tlog",
@@ -231,9 +230,9 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         n_bytes=content.n_bytes,
         signals=_signals(content),
         firmware=_firmware(content, texts),
-        vehicle_type=_vehicle_type(chosen.mav_type, parameters),
+        vehicle_type=vehicle_type_of(_VTOL if hovers and chosen.mav_type == _FIXED_WING else chosen.mav_type),
         vehicle_name=f"system {chosen.system_id}",
-        frame=_frame(content, texts),
+        frame=stated[-1] if stated else frame_words(content.chosen.mav_type),
         parameters=parameters,
         modes=_modes(content),
         texts=texts,
@@ -241,15 +240,11 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         systems=_systems(content),
         n_systems=content.n_senders,
         counts=content.counts,
-        utc_offset_s=_utc_offset_s(content),
+        utc_offset_s=math.nan
+        if message is None
+        else utc_offset_s(message.rows["time_unix_usec"].astype(np.float64) / 1e6, content.time_s(message)),
         remarks=_remarks(content),
     )
-
-
-def _vehicle_type(mav_type: int, parameters: Mapping[str, float]) -> str:
-    """Tell a plane that hovers from one that does not: ArduPlane may say that either is fixed-wing."""
-    hovers = parameters.get("Q_ENABLE", 0.0) > 0.0
-    return vehicle_type_of(_VTOL if hovers and mav_type == _FIXED_WING else mav_type)
 
 
 def _signals(content: TlogContent) -> dict[str, tuple[Signal, ...]]:
@@ -289,14 +284,6 @@ def _systems(content: TlogContent) -> tuple[LoggedSystem, ...]:
         )
         for one in content.senders
     )
-
-
-def _utc_offset_s(content: TlogContent) -> float:
-    """Return UTC minus the boot clock [s] as the autopilot tells it."""
-    message = content.messages.get("SYSTEM_TIME")
-    if message is None:
-        return math.nan
-    return utc_offset_s(message.rows["time_unix_usec"].astype(np.float64) / 1e6, content.time_s(message))
 
 
 def _text(raw: bytes) -> str:
@@ -374,12 +361,6 @@ def _firmware(content: TlogContent, texts: tuple[LogText, ...]) -> str:
     message = content.messages.get("AUTOPILOT_VERSION")
     version = int(message.rows["flight_sw_version"][-1]) if message is not None else 0
     return f"v{version >> 24 & 0xFF}.{version >> 16 & 0xFF}.{version >> 8 & 0xFF}" if version else ""
-
-
-def _frame(content: TlogContent, texts: tuple[LogText, ...]) -> str:
-    """Return the frame as the firmware states it in a text, else the words of the MAV_TYPE."""
-    stated = [match[1] for text in texts if (match := _FRAME.match(text.text))]
-    return stated[-1] if stated else frame_words(content.chosen.mav_type)
 
 
 def _remarks(content: TlogContent) -> tuple[str, ...]:

@@ -41,7 +41,6 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
 
     Parameters
     ----------
-    path : str or Path
     system : int
         Has no effect: a table holds one vehicle.
 
@@ -71,10 +70,6 @@ def from_columns(columns: Mapping[str, object], name: str) -> FlightLog:
         By canonical name; others are not used.
     name : str
         Stands where a file's path would.
-
-    Returns
-    -------
-    FlightLog
 
     Raises
     ------

@@ -24,15 +24,7 @@ _UPRIGHT: Final = 0.9
 def find_airframe(log: FlightLog) -> Airframe | Unknown:
     """Read CA_ROTORn_*; before 1.13 the geometry was in a mixer file that no log holds.
 
-    Parameters
-    ----------
-    log : FlightLog
-
-    Returns
-    -------
-    Airframe or Unknown
-        The allocation is scaled as in ControlAllocationPseudoInverse.cpp,
-        `updateControlAllocationMatrixScale`.
+    The allocation is scaled as in ControlAllocationPseudoInverse.cpp, `updateControlAllocationMatrixScale`.
     """
     count = whole_number(log.parameters.get("CA_ROTOR_COUNT", 0.0))
     if count <= 0:

@@ -66,11 +66,6 @@ _ANGLE_GAINS: Final = ("MC_ROLL_P", "MC_PITCH_P", "MC_YAW_P")
 def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
     """Return the gains from angles to rate set-points; see `Autopilot.angle_gains`.
 
-    Parameters
-    ----------
-    mode : str
-    parameters : mapping of str to float
-
     Returns
     -------
     tuple of float, or None
@@ -99,16 +94,8 @@ def controllers(
     ----------
     log : FlightLog
         Tells the firmware, and by its rows the loop's period.
-    parameters : mapping of str to float
-        Those that flew.
     period_s : float or None
         Of the loop, where the log's rows turned out to be some of its steps only.
-    axes : sequence of str
-        Those wanted.
-
-    Returns
-    -------
-    FlownControllers
 
     Notes
     -----
@@ -121,7 +108,9 @@ def controllers(
     if measured_s is None:
         values = {"IMU_GYRO_RATEMAX": 1.0 / period_s}
         remarks.append(ControllerRemark(kind=RemarkKind.PERIOD_ASSUMED, values=values))
-    gyro_s = _gyro_period_s(period_s, parameters)
+    # Period of the gyro's samples, at which its filters run and D's slope is taken [s].
+    waits = period_s > _WAITING * parameter_period_s(parameters)
+    gyro_s = period_s if waits else period_s / _FASTER
     if gyro_s != period_s:
         values = {"IMU_GYRO_RATEMAX": 1.0 / period_s, "gyro_hz": 1.0 / gyro_s}
         remarks.append(ControllerRemark(kind=RemarkKind.GYRO_RATE_ASSUMED, values=values))
@@ -163,25 +152,10 @@ def rate_parameters(parameters: Mapping[str, float], name: str) -> dict[str, flo
 
     Parameters
     ----------
-    parameters : mapping of str to float
     name : str
         ROLL, PITCH or YAW.
-
-    Returns
-    -------
-    dict of str to float
     """
     return by_short_names(parameters, f"MC_{name}RATE_", _NEEDED, _OPTIONAL)
-
-
-def _gyro_period_s(period_s: float, parameters: Mapping[str, float]) -> float:
-    """Return the period of the gyro's samples, at which its filters run and D's slope is taken [s].
-
-    A loop that is slower than it may be waits for the gyro, and has its period. One at its limit has a
-    faster gyro; nothing tells how much faster, and beyond some times it makes no difference.
-    """
-    waits = period_s > _WAITING * parameter_period_s(parameters)
-    return period_s if waits else period_s / _FASTER
 
 
 def _axis(

@@ -28,15 +28,7 @@ _SAME_PERIOD: Final = 0.3
 def gyro_fifo(part: Part[TopicTable], source: Source[Any]) -> Built | None:
     """Return every sample at its own time; None where there is none.
 
-    Parameters
-    ----------
-    part : Part
-    source : Source
-
-    Returns
-    -------
-    Built or None
-        Rows with impossible counts, periods or scales are left out.
+    Rows with impossible counts, periods or scales are left out.
     """
     columns = [part.table.column(name) for name in source.fields]
     if any(one is None or one.dtype.kind not in "iuf" for one in columns):

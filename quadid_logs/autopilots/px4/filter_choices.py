@@ -30,15 +30,10 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
 
     Parameters
     ----------
-    log : FlightLog
     parameters : mapping of str to float
         That flew: what is not among them, this version does not have.
     lines : sequence of Line
         Of the gyro's spectrum about all axes.
-
-    Returns
-    -------
-    FilterChoices
     """
     on = low_passes_on(parameters, dict.fromkeys(_SHARED, _CUTOFF))
     return FilterChoices(

@@ -31,13 +31,8 @@ def parameter_filter(
 
     Parameters
     ----------
-    parameters : mapping of str to float
     followed : mapping of str to ndarray, shape (n_instants, n_rotors)
         Of the log, the speeds of the rotors [Hz] that the notches of IMU_GYRO_DNF_* follow.
-
-    Returns
-    -------
-    GyroFilter
 
     Notes
     -----
@@ -91,7 +86,6 @@ def derivative_filter(parameters: Mapping[str, float], period_s: float) -> Discr
 
     Parameters
     ----------
-    parameters : mapping of str to float
     period_s : float
         Of the samples that are filtered [s].
 

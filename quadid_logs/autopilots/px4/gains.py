@@ -21,17 +21,7 @@ _NOT_TUNED: Final = {1: "a plane", 4: "a helicopter", **dict.fromkeys(range(19, 
 def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = None) -> Tunable:
     """Return the gains that may be changed.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Of the log.
-    version : tuple of int, optional
-        Of its firmware.
-
-    Returns
-    -------
-    Tunable
-        P, I and D together are scaled by MC_ROLLRATE_K and its likes where the firmware has them.
+    P, I and D together are scaled by MC_ROLLRATE_K and its likes where the firmware has them.
     """
     axes = {axis: _names(name, parameters, version) for axis, (name, _) in AXIS_NAMES.items()}
     return Tunable(

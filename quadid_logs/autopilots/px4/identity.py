@@ -71,7 +71,6 @@ def vehicle_type(parameters: Mapping[str, float], status: Mapping[str, int]) -> 
 
     Parameters
     ----------
-    parameters : mapping of str to float
     status : mapping of str to int
         Last values of vehicle_status.
     """

@@ -39,13 +39,8 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
 
     Parameters
     ----------
-    path : str or Path
     system : int
         Has no effect: a ULog holds one vehicle.
-
-    Returns
-    -------
-    FlightLog
 
     Raises
     ------
@@ -60,6 +55,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         )
     known = content.definitions
     found, seen = _signals(content)
+    table = content.topics.get(("vehicle_status", 0))
     return FlightLog(
         path=str(path),
         format="ulog",
@@ -68,7 +64,12 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         signals=found,
         followed=seen,
         firmware=firmware_words(known.information),
-        vehicle_type=vehicle_type(known.parameters, _last_status(content)),
+        vehicle_type=vehicle_type(
+            known.parameters,
+            {}
+            if table is None
+            else {field: int(table.rows[field][-1]) for field in _STATUS if table.has(field)},
+        ),
         frame=describe_frame(known.parameters),
         # Every simulated vehicle has the same one.
         hardware_id="" if _is_simulated(content) else str(known.information.get("sys_uuid", "")),
@@ -127,14 +128,6 @@ def _parameter_changes(content: UlogContent) -> tuple[ParameterChange, ...]:
         ParameterChange(time_s=time_s, position=one.offset, name=one.name, value=one.value, before=one.before)
         for one, time_s in zip(writes, times.tolist(), strict=True)
     )
-
-
-def _last_status(content: UlogContent) -> dict[str, int]:
-    """Return the last values of the first vehicle_status."""
-    table = content.topics.get(("vehicle_status", 0))
-    if table is None:
-        return {}
-    return {field: int(table.rows[field][-1]) for field in _STATUS if table.has(field)}
 
 
 def _modes(content: UlogContent) -> tuple[ModeChange, ...]:

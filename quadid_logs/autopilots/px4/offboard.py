@@ -35,10 +35,6 @@ def offboard_script(multisine: Mapping[str, Any]) -> str:
     ----------
     multisine : mapping
         As of `quadid_logs.autopilots.ardupilot.flight_script.flight_script`.
-
-    Returns
-    -------
-    str
     """
     body = resources.files(__package__).joinpath(f"{SCRIPT}.txt").read_text(encoding="utf-8")
     settings = [

@@ -66,15 +66,8 @@ _DEFAULT_SLOPE_HZ: Final = 5.0
 def position_rows(topics: Mapping[TopicKey, TopicTable]) -> tuple[PositionRows, ...]:
     """Return what the log holds of the horizontal position controllers.
 
-    Parameters
-    ----------
-    topics : mapping of (name, instance) to TopicTable
-
-    Returns
-    -------
-    tuple of PositionRows
-        On the rows of vehicle_local_position_setpoint, with the states interpolated between theirs; what is
-        fed forward is trajectory_setpoint's, held, and NaN where that is too old.
+    On the rows of vehicle_local_position_setpoint, with the states interpolated between theirs; what is fed
+    forward is trajectory_setpoint's, held, and NaN where that is too old.
     """
     setpoint, state = topics.get((_SETPOINT, 0)), topics.get((_STATE, 0))
     if setpoint is None or state is None:
@@ -142,14 +135,6 @@ def _forwards(table: TopicTable | None, time_s: FloatArray, label: str, number: 
 def outer_controllers(parameters: Mapping[str, float]) -> OuterControllers:
     """Return the controllers around the rate loop that the parameters make.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-
-    Returns
-    -------
-    OuterControllers
-
     Notes
     -----
     The vertical controller is left out: the estimator of the hover thrust moves its integral. Firmware with
@@ -207,9 +192,6 @@ def attitude_rows(
 
     Parameters
     ----------
-    log : FlightLog
-    parameters : mapping of str to float
-        Those that flew.
     intervals : sequence of (start_s, end_s)
         Flights on the log's own clock; none for the whole log.
 
@@ -254,29 +236,23 @@ def attitude_rows(
     targets: dict[tuple[float, ...], FloatArray] = {(): quaternion_from_euler(wanted.values[asked[chosen]])}
     natural = min(_natural_rad_s(parameters), _FASTEST_RAD_S)
     if natural:
-        targets[(1.0 / natural,) * 2] = _followed(log, attitude, wanted, natural)[now[chosen]]
+        # The attitude that the reference model had at each row of the attitude.
+        _, latest = last_before(wanted.time_s, attitude.time_s)
+        target = quaternion_from_euler(np.nan_to_num(wanted.values[np.maximum(latest, 0)]))
+        modelled = followed(target, _yaw_rate(log, attitude.time_s), attitude.time_s, natural)
+        targets[(1.0 / natural,) * 2] = modelled[now[chosen]]
     some = [float(gain or 0.0) for gain in gains]
     made = {
         lags_s: _from_error(multiply_quaternions(conjugate(body), target), some, parameters)
         for lags_s, target in targets.items()
     }
-    lags_s = min(made, key=lambda one: _left(rows, made[one]))
+    lags_s = min(
+        made, key=lambda one: float(np.median(np.abs(made[one] + rows.forward - rows.logged)[:, :2]))
+    )
     if len(made) == 1:
         return replace(rows, from_error=made[lags_s])
     # Of yaw the model leaves a sixth, and nobody knows why.
     return replace(rows, from_error=made[lags_s], lags_s=lags_s, not_judged=("yaw",) if lags_s else ())
-
-
-def _left(rows: AttitudeRows, made: FloatArray) -> float:
-    """Return what a law leaves of roll and pitch rates, a median."""
-    return float(np.median(np.abs(made + rows.forward - rows.logged)[:, :2]))
-
-
-def _followed(log: FlightLog, attitude: Signal, wanted: Signal, natural_rad_s: float) -> FloatArray:
-    """Return the attitude that the reference model had at each row of the attitude."""
-    _, row = last_before(wanted.time_s, attitude.time_s)
-    targets = quaternion_from_euler(np.nan_to_num(wanted.values[np.maximum(row, 0)]))
-    return followed(targets, _yaw_rate(log, attitude.time_s), attitude.time_s, natural_rad_s)
 
 
 def _latest(signal: Signal, time_s: FloatArray, oldest_s: float) -> tuple[IntArray, BoolArray]:

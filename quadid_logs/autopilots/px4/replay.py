@@ -35,8 +35,6 @@ def replay_inputs(
 
     Parameters
     ----------
-    log : FlightLog
-    controllers : FlownControllers
     intervals : sequence of (start_s, end_s)
         Flights on the log's own clock; none for the whole log.
 
@@ -74,12 +72,6 @@ def replay_inputs(
 
 def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str) -> ReplayedTerms:
     """Replay RateControl::update.
-
-    Parameters
-    ----------
-    rows : AxisRows
-    parameters : mapping of str to float
-    axis : str
 
     Returns
     -------

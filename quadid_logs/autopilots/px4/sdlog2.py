@@ -71,14 +71,8 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (on
 
     Parameters
     ----------
-    path : str or Path
-        The file.
     system : int
         Not used: an sdlog2 file holds one vehicle.
-
-    Returns
-    -------
-    FlightLog
 
     Raises
     ------
@@ -99,6 +93,9 @@ def _flight_log(file: DataFlashFile) -> FlightLog:
     mav_type = whole_number(parameters.get("MAV_TYPE"))
     commit = _text(tables.get("VER"), "FwGit")
     parts = {name: [Part(name=name, table=table, rows=clock.rows(table))] for name, table in tables.items()}
+    times: Mapping[str, FloatArray] = {
+        name: clock.times(table) for name, table in file.first_and_last().items()
+    }
     return FlightLog(
         path=file.path,
         format="dataflash",
@@ -113,7 +110,10 @@ def _flight_log(file: DataFlashFile) -> FlightLog:
         parameters=parameters,
         modes=_modes(tables.get("STAT"), clock),
         lost=file.lost,
-        counts=_counts(file, clock),
+        counts=tuple(
+            MessageCount(name=name, count=count, rate_hz=mean_rate_hz(count, times.get(name)))
+            for name, count in sorted(file.counts.items())
+        ),
         has_time=clock.has_time,
         remarks=("Rows take the time of the TIME record before them (sdlog2 logs no other).",),
     )
@@ -129,14 +129,3 @@ def _modes(table: MessageTable | None, clock: TimeRecords) -> tuple[ModeChange, 
     if table is None or not table.has_numbers("MainState"):
         return ()
     return mode_changes(table.integers("MainState"), clock.times(table), table.position, _MAIN_STATES.get)
-
-
-def _counts(file: DataFlashFile, clock: TimeRecords) -> tuple[MessageCount, ...]:
-    """Return rows and mean rate of every message type."""
-    times: Mapping[str, FloatArray] = {
-        name: clock.times(table) for name, table in file.first_and_last().items()
-    }
-    return tuple(
-        MessageCount(name=name, count=count, rate_hz=mean_rate_hz(count, times.get(name)))
-        for name, count in sorted(file.counts.items())
-    )

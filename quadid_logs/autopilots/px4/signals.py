@@ -141,13 +141,8 @@ def signals(topics: Mapping[TopicKey, TopicTable], known: GyroFilter) -> dict[st
 
     Parameters
     ----------
-    topics : mapping of (name, instance) to TopicTable
     known : GyroFilter
         What the parameters tell of the gyro's filters.
-
-    Returns
-    -------
-    dict of str to tuple of Signal
     """
     parts: dict[str, list[_Part]] = {}
     for (name, instance), table in topics.items():
@@ -167,16 +162,7 @@ def signals(topics: Mapping[TopicKey, TopicTable], known: GyroFilter) -> dict[st
 
 
 def controller_terms(topics: Mapping[TopicKey, TopicTable]) -> tuple[ControllerTerms, ...]:
-    """Return the angular acceleration that D acts on, and the integrators, of each axis.
-
-    Parameters
-    ----------
-    topics : mapping of (name, instance) to TopicTable
-
-    Returns
-    -------
-    tuple of ControllerTerms
-    """
+    """Return the angular acceleration that D acts on, and the integrators, of each axis."""
     found = []
     for topic, term, fields in _TERMS:
         table = topics.get((topic, 0))
@@ -207,10 +193,6 @@ def sample_time_s(table: TopicTable) -> FloatArray | None:
 
     `timestamp_sample` where it is filled in (not zero, at most 0.1 s from
     `timestamp`), else `timestamp`, the time of publication.
-
-    Parameters
-    ----------
-    table : TopicTable
 
     Returns
     -------

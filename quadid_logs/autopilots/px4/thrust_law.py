@@ -22,16 +22,9 @@ _CHARGED_V: Final = 4.05
 def thrust_law(parameters: Mapping[str, float]) -> ThrustLaw:
     """Return the law of these parameters.
 
-    Parameters
-    ----------
-    parameters : mapping of str to float
-
-    Returns
-    -------
-    ThrustLaw
-        THR_MDL_FAC undoes the curve. With MC_BAT_SCALE_EN the set-points of torque and thrust are multiplied
-        by the charged cell's voltage over that of the cell now, before the allocation. Nothing makes up for
-        thin air.
+    THR_MDL_FAC undoes the curve. With MC_BAT_SCALE_EN the set-points of torque and thrust are multiplied by
+    the charged cell's voltage over that of the cell now, before the allocation. Nothing makes up for thin
+    air.
     """
     factor = float(np.clip(parameters.get("THR_MDL_FAC", 0.0), 0.0, 1.0))
     charged_v = parameters.get("BAT1_V_CHARGED", _CHARGED_V)

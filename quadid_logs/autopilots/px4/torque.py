@@ -33,15 +33,7 @@ _N_OUTPUTS = 16
 def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     """Rebuild motor thrusts from every source that the log holds.
 
-    Parameters
-    ----------
-    log : CleanLog
-    airframe : Airframe
-
-    Returns
-    -------
-    Rebuilt
-        What was achieved first, then the set-point as if nothing were limited, then the outputs.
+    What was achieved first, then the set-point as if nothing were limited, then the outputs.
     """
     found = (_from_motors(log, airframe), _from_setpoint(log, airframe), _from_outputs(log, airframe))
     factor = _thrust_model(log)
