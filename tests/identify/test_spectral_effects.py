@@ -72,10 +72,10 @@ def _fly(
 ) -> FlightData:
     """Fly a minute in angle mode, in air of a density of power that falls above ``air_rad_s``.
 
-    ``per_speed``: what a speed of 1 m/s turns roll and pitch by, back [rad/s^2]; ``late_steps``: the torque is
-    logged so much later than it was given; ``worth`` (12000,): how much of it the rotors make, sample by
-    sample; ``throttle``: as logged; ``spin_down``: so many times as slowly as up do rotors slow down, whose
-    thrust goes with their speed squared.
+    ``per_speed``: by how much 1 m/s turns roll and pitch back [rad/s^2]; ``late_steps``: the torque is logged
+    so much later than it was given; ``worth`` (12000,): how much of it the rotors make, sample by sample;
+    ``throttle``: as logged; ``spin_down``: so many times as slowly as up do rotors slow down, whose thrust
+    goes with their speed squared.
     """
     rng, n = np.random.default_rng(seed), 12000
     worth = np.ones(n) if worth is None else worth
@@ -218,6 +218,14 @@ def test_where_no_moment_of_the_speed_is_seen_low_frequencies_count() -> None:
     calm, pitched_up = (fit_by_spectra(_fly(2, gusts=0.2, per_speed=each))[0] for each in (0.0, 9.0))
     assert calm.half_width < 0.06 * GAIN[0]
     assert calm.half_width < pitched_up.half_width
+
+
+def test_a_fit_in_time_is_told_of_moments_that_it_knows_nothing_of() -> None:
+    """By a third of what they widen the interval of the spectra, or more; without them of next to nothing."""
+    calm, pitched_up = (fit_by_spectra(_fly(2, gusts=0.2, per_speed=each))[0] for each in (0.0, 9.0))
+    wider = np.sqrt(pitched_up.half_width**2 - calm.half_width**2) / pitched_up.gain
+    assert calm.by_effects < 0.25 * wider
+    assert wider / 3.0 < pitched_up.by_effects < 2.0 * wider
 
 
 @pytest.mark.parametrize("seed", [0, thorough(1)])
