@@ -521,6 +521,15 @@ def test_a_comparison_tells_that_the_promise_was_kept(advised: Tuning) -> None:
     assert one[1].held is Held.INSIDE
 
 
+def test_a_promise_of_px4s_own_p_i_and_d_is_compared_too() -> None:
+    """MC_ROLLRATE_K, which scales all of them, stays where it was."""
+    first = of_axes(flown("px4"), "roll")
+    following = {name: one.next for name, one in tuning_of(first).changes.items()}
+    assert following
+    assert "MC_ROLLRATE_K" not in following
+    assert checked(first, as_flown(first, **following))["roll"].held is Held.INSIDE
+
+
 def test_a_comparison_tells_that_the_promise_was_not_kept(advised: Tuning) -> None:
     """The payload was left at home: the vehicle is five times as effective, and near to oscillating."""
     one = checked(before(), followed(advised, 5.0))["roll"]

@@ -270,9 +270,11 @@ def solve_spectra(
     axes = [number for number in axes if _has_size(told[:, :, number])]
     if not axes:
         return None
-    moments = [AxisMoments(spectra, number, told[:, :, number], gyro_filter, n_speeds) for number in axes]
+    moments = [
+        AxisMoments(spectra, number, told[:, :, number], gyro_filter, n_speeds, planned=planned)
+        for number in axes
+    ]
     fits, actuator = fit_axes(moments)
-    fits = tuple(replace(fit, planned=planned) for fit in fits)
     return SpectralSolution(fits, moments, actuator, told, spectra, planned)
 
 
@@ -443,6 +445,8 @@ class AxisMoments:
         told: ComplexArray,
         gyro_filter: GyroFilter,
         n_speeds: int = 0,
+        *,
+        planned: bool = False,
     ) -> None:
         self.number, self.told, self.run = number, told, spectra.run
         self.s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
@@ -469,7 +473,7 @@ class AxisMoments:
         self.centre_hz = np.array([band.mean() for band in np.split(spectra.frequency_hz, self.edges[1:-1])])
         centre = np.log(self.centre_hz)
         self.alike = np.exp(-np.abs(centre[:, np.newaxis] - centre) / OCTAVE)
-        self.moments_hz = _MOMENTS_HZ[0]
+        self.moments_hz, self.planned = _MOMENTS_HZ[0], planned
         # A search comes back to the actuators that it has tried, and lead is nothing to roll and pitch.
         self._responses: dict[SharedActuator, tuple[ComplexArray, ComplexArray]] = {}
         self._solved: dict[SharedActuator, tuple[FloatArray, FloatArray]] = {}
@@ -554,8 +558,11 @@ class AxisMoments:
     def _elsewhere(self) -> FloatArray:
         """Return the variance of each moment that products of motions make; shape (n_bands,).
 
-        They may be in any octave, and coherent with the instrument at worst.
+        They may be in any octave, and coherent with the instrument at worst. Of a planned trajectory, moments
+        of speed are all of that.
         """
+        if self.planned:
+            return np.zeros(self.centre_hz.size)
         octaves = 1.0 + np.log2(self.centre_hz[-1] / self.centre_hz[0])
         size = _ELSEWHERE**2 * self.power(self.acceleration).sum() / octaves
         return np.asarray(size * self.power(self.instrument).sum(axis=0))
@@ -957,6 +964,7 @@ def _one(
         commanded=axis.commanded(),
         r2_commanded=_explained(axis, theta, actuator),
         n_blocks=int(axis.run.size),
+        planned=axis.planned,
         half_width=half_width,
     )
 
