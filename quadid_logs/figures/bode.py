@@ -28,6 +28,10 @@ _WORTH_SHOWING = 0.6
 #: Third octaves that are known worse than this are mostly chance, too.
 _LARGEST_ERROR = 0.5
 _HEIGHT = 0.65
+_BY_COMMANDS = (
+    "; of an axis that its response to commands tells, of that response (without small points: such a torque "
+    "answers gusts as well)"
+)
 _FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
 
 
@@ -41,8 +45,10 @@ def frequency_response(result: Result) -> Figure | LeftOut:
         reason = "No model was fitted." if model is None else "No segment was long enough for a spectrum."
         return LeftOut(key=_KEY, title=_TITLE, reason=reason)
     found = result.identification.responses
+    by_commands = [fit.used for fit in result.identification.spectral] or [False] * len(AXES)
     columns = [
-        _axis(data, model, column, n_block, found[column] if found else None) for column in range(len(AXES))
+        _axis(data, model, column, n_block, found[column] if found else None, by_commands[column])
+        for column in range(len(AXES))
     ]
     chosen = "" if data is result.data else " Of this long flight: the minutes that the model was fitted to."
     by_hand = " that was set by hand" if result.settings.identify.smoothing_hz else ""
@@ -55,7 +61,8 @@ def frequency_response(result: Result) -> Figure | LeftOut:
         title=_TITLE,
         caption="How strongly and how late each axis accelerates when it is given torque. Small points: the "
         f"log, where at least {100.0 * _WORTH_SHOWING:g} % of the rate belongs to the torque (coherence). "
-        "Dots: third-octave averages with 95 % intervals, by the set-points where those explain the torque. "
+        "Dots: third-octave averages with 95 % intervals, by the set-points where those explain the torque"
+        f"{_BY_COMMANDS if any(by_commands) else ''}. "
         "Line: the model with its lag, delay and the gyro's filter."
         f"{band_words} A rigid body behind a lag has a level gain whose phase falls. Where "
         "gain grows with frequency while the phase lags by some 90 degrees, torque follows rate: that is the "
@@ -73,7 +80,12 @@ def _fitted_band(model: Model) -> tuple[Band, ...]:
 
 
 def _axis(
-    data: FlightData, model: Model, column: int, n_block: int, found: Response | None
+    data: FlightData,
+    model: Model,
+    column: int,
+    n_block: int,
+    found: Response | None,
+    by_commands: bool,
 ) -> tuple[Panel, ...]:
     """Return gain, phase and coherence of one axis."""
     spectra = averaged_spectra(
@@ -87,6 +99,8 @@ def _axis(
     response = s * model_response(model, frequency_hz, data.gyro_filter)[:, column]
     model_deg = np.degrees(np.unwrap(np.angle(response)))
     good, measured = _measured(spectra, band)
+    if by_commands:
+        good, measured = np.zeros_like(good), measured[:0]
     measured = measured * s[good]
     third_octaves = _third_octaves(found, data.gyro_filter)
     turned = [

@@ -29,7 +29,7 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray, runs
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.log import GyroFilter
-from quadid_logs.data.model import SpectralFit
+from quadid_logs.data.model import Response, SpectralFit
 from quadid_logs.identify.driven import by_driven_axis
 from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
@@ -545,7 +545,7 @@ class AxisMoments:
     def weigh(self, theta: FloatArray | None, actuator: SharedActuator) -> None:
         """Set the noise of the moments by what an equation leaves; by the acceleration itself without one."""
         error = self.acceleration if theta is None else self.error(theta, actuator)
-        self.noise = moment_noise(self, self.instrument, error) + self._elsewhere()
+        self.noise = moment_noise(self, self.instrument, error) + self.elsewhere(self.instrument)
         self.size = np.abs(self.of_acceleration if theta is None else self._by_torque(theta))
         turn = self.of_commanded(actuator)
         if theta is not None:
@@ -555,7 +555,7 @@ class AxisMoments:
         self.turn = np.exp(-1j * np.angle(turn if theta is None else theta[0] * turn))
         self.depart(_DEPARTURES[1] ** 2, self.moments_hz)
 
-    def _elsewhere(self) -> FloatArray:
+    def elsewhere(self, instrument: ComplexArray) -> FloatArray:
         """Return the variance of each moment that products of motions make; shape (n_bands,).
 
         They may be in any octave, and coherent with the instrument at worst. Of a planned trajectory, moments
@@ -565,7 +565,7 @@ class AxisMoments:
             return np.zeros(self.centre_hz.size)
         octaves = 1.0 + np.log2(self.centre_hz[-1] / self.centre_hz[0])
         size = _ELSEWHERE**2 * self.power(self.acceleration).sum() / octaves
-        return np.asarray(size * self.power(self.instrument).sum(axis=0))
+        return np.asarray(size * self.power(instrument).sum(axis=0))
 
     def variance_of_noise(self) -> FloatArray:
         """Return the variance of each complex moment that noise makes, and rounding; shape (n_bands,)."""
@@ -979,6 +979,37 @@ def _explained(axis: AxisMoments, theta: FloatArray, actuator: SharedActuator) -
     weight = 1.0 / axis.variance_beside_torque()
     left = float(weight @ np.abs(axis.left(theta, actuator)) ** 2)
     return 1.0 - _ratio(left, float(weight @ np.abs(theta[0] * axis.of_commanded(actuator)) ** 2))
+
+
+def response_to_commands(axis: AxisMoments) -> Response:
+    """Return angular acceleration over torque as far as commands drive both, in bands, behind no gyro filter.
+
+    What a gust does to both through the controller is in neither, nor are few blocks' chances: each block's
+    torque is told by the others.
+
+    Parameters
+    ----------
+    axis : AxisMoments
+
+    Returns
+    -------
+    Response
+        In sixths of octaves.
+    """
+    torque = axis.gyro * axis.torque
+    driven, moved = (axis.summed((axis.told.conj() * each).sum(axis=0)) for each in (torque, axis.logged))
+    gain = np.divide(moved, driven, out=np.full(driven.shape, np.nan + 0j), where=driven != 0.0)
+    left = axis.logged - np.repeat(np.nan_to_num(gain), np.diff(axis.edges)) * torque
+    variance = moment_noise(axis, axis.told, left) + axis.elsewhere(axis.told)
+    of_told = np.maximum(axis.power(axis.told).sum(axis=0), _TINY)
+    of_motion = np.maximum(axis.power(axis.logged).sum(axis=0), _TINY)
+    return Response(
+        frequency_hz=axis.centre_hz,
+        gain=gain,
+        error=np.where(driven != 0.0, np.sqrt(variance) / np.maximum(np.abs(moved), _TINY), np.inf),
+        coherence=np.abs(moved) ** 2 / (of_told * of_motion),
+        torque_power=np.abs(driven) ** 2 / of_told,
+    )
 
 
 def spread_and_half_width(
