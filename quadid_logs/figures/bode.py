@@ -29,8 +29,8 @@ _WORTH_SHOWING = 0.6
 _LARGEST_ERROR = 0.5
 _HEIGHT = 0.65
 _BY_COMMANDS = (
-    "; of an axis that its response to commands tells, of that response (without small points: such a torque "
-    "answers gusts as well)"
+    "; of an axis that its response to commands tells, sixths of octaves of that response (without small "
+    "points: such a torque answers gusts as well)"
 )
 _FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
 
