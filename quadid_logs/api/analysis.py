@@ -55,7 +55,7 @@ class Analysis(Result):
     <Analysis of 'sysid-quad-x.bin': structure rigid-body
       roll   usable   B11 = 197.9 (194.8 to 201.0) rad/s^2
       pitch  usable   B22 = 176.6 (172.7 to 180.5) rad/s^2
-      yaw    usable   B33 = 10.88 (10.75 to 11.02) rad/s^2>
+      yaw    usable   B33 = 10.88 (10.74 to 11.02) rad/s^2>
     """
 
     structure: Structure | None = None

@@ -23,7 +23,7 @@ def _axis(values: ComplexArray, told: ComplexArray) -> AxisMoments:
         run=np.arange(N_BLOCKS),
         period_s=0.005,
     )
-    return AxisMoments(spectra, 0, told, GyroFilter(), (0.0,))
+    return AxisMoments(spectra, 0, told, GyroFilter())
 
 
 def test_two_blocks_that_hold_a_sweep_are_known_to_scatter_as_much_as_all() -> None:
