@@ -407,10 +407,7 @@ class _Search:
         borne = (place for place in reversed(range(len(factors))) if alone[place] >= 1.0)
         last = next((place for place in borne if self._bears(factors[place])), None)
         if last is None:
-            # Uncertainty alone takes gains no further than to where they would stay (`stay`).
-            nearest = sorted(factors[alone >= 1.0].tolist(), key=lambda one: abs(np.log(one)))
-            furthest = float(factors[int(np.argmax(alone))])
-            best = next((one for one in nearest if self._bears(one, _POOR)), furthest)
+            best = float(factors[int(np.argmax(alone))])
             better = self._score(best) > _BETTER * self._score(1.0)
             return Found(best if better else 1.0, reached=False)
         if last == len(factors) - 1:
