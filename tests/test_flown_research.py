@@ -52,6 +52,20 @@ def test_a_fast_log_without_attitude_gives_the_published_inertia(corpus: Path, a
         assert 1.0 / gain == pytest.approx(PUBLISHED[axis], rel=0.06)
 
 
+def test_an_axis_told_by_commands_alone_tells_the_lag_where_no_other_is_explained(
+    corpus: Path, analyzed: Analyzed
+) -> None:
+    """Four other flights of this quadrotor say 20 to 25 ms after 1 to 3; its refused roll says 0 after 26."""
+    result = analyzed(corpus / "blackbox" / "bf3-log21.bfl")
+    assert [result.diagnosis.axes[axis].verdict for axis in ("roll", "pitch")] == ["refused", "usable"]
+    assert result.identification.recommended is not None
+    actuator = result.identification.recommended.actuator
+    assert actuator is not None
+    assert actuator.lag_ci95_s[0] < 0.025
+    assert actuator.lag_ci95_s[1] > 0.020
+    assert actuator.delay_ci95_s[0] < 0.003
+
+
 @pytest.mark.parametrize("name", thorough_but(SMALL[:1], SMALL))
 def test_no_interval_of_a_small_quadrotor_excludes_what_cross_spectra_show(
     corpus: Path, analyzed: Analyzed, name: str

@@ -12,6 +12,7 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Actuator, Model, Parameter, Posterior, SpectralFit
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design
+from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2
 from quadid_logs.identify.inference import intervals
 from quadid_logs.identify.parameters import MAX_RELATIVE_CI
 from quadid_logs.identify.splice import with_axis_of, with_interval
@@ -91,9 +92,13 @@ def with_spectral_axes(
         model = with_axis_of(
             model, _of_axis(model, structure, fits[axis], axis, data, design, settings), axis, data
         )
-    tilting = [fits[axis] for axis in axes if axis != _YAW]
-    if len(tilting) == 2 and model.actuator is not None:
-        model = replace(model, actuator=_actuator(model.actuator, tilting[0]))
+    tilting = [axis for axis in axes if axis != _YAW]
+    explained = model.validation.r2_acceleration
+    others = {0, 1} - {*tilting}
+    # Lag and delay of a fit in time are those of the axes that it explains.
+    in_time = any(explained.get(ACCELERATION_SYMBOLS[axis], 0.0) >= INFORMATIVE_R2 for axis in others)
+    if tilting and model.actuator is not None and not in_time:
+        model = replace(model, actuator=_actuator(model.actuator, fits[tilting[0]]))
     return model
 
 
