@@ -73,7 +73,7 @@ def test_sticks_tell_roll_and_pitch_to_a_fifth(rough: Flight, axis: int) -> None
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_an_axis_that_commands_tell_shows_its_response_to_them(rough: Flight, axis: int) -> None:
-    """By its torque, which answers every gust, it would be up to seventeen times the vehicle's."""
+    """In nine bands or more; by its torque, which answers gusts, it would be up to seventeen times as large."""
     identified = rough.result.identification
     assert identified.recommended is not None
     assert identified.recommended.actuator is not None
@@ -83,7 +83,7 @@ def test_an_axis_that_commands_tell_shows_its_response_to_them(rough: Flight, ax
     true = rough.truth[AXES[axis]] * np.exp(-s * delay_s) / (1.0 + s * lag_s)
     # Below, damping turns it.
     known = (response.error < 0.3) & (response.frequency_hz > 1.5)
-    assert np.count_nonzero(known) > 6
+    assert np.count_nonzero(known) >= 9
     assert np.mean(np.abs(response.gain / true - 1.0)[known] < 2.0 * response.error[known]) >= 0.8
 
 
