@@ -73,7 +73,7 @@ def test_sticks_tell_roll_and_pitch_to_a_fifth(rough: Flight, axis: int) -> None
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_an_axis_that_commands_tell_shows_its_response_to_them(rough: Flight, axis: int) -> None:
-    """In nine bands or more; by its torque, which answers gusts, it would be up to seventeen times as large."""
+    """In nine bands or more; by its torque, which answers gusts, it would be seventeen times as large."""
     identified = rough.result.identification
     assert identified.recommended is not None
     assert identified.recommended.actuator is not None
