@@ -209,9 +209,7 @@ def checked(before: Result, after: Result) -> Mapping[str, AxisCheck]:
     flown = [flown_parameters(one.log, one.data) for one in (before, after)]
     tunable = named(before.log.autopilot).tunable(flown[0])
     if tunable is None or all(
-        flown[0].get(name) == flown[1].get(name)
-        for one in tunable.axes.values()
-        for name in (*one.scaled, one.proportional, one.integral, one.derivative, one.angle)
+        flown[0].get(name) == flown[1].get(name) for one in tunable.axes.values() for name in one.every
     ):
         return {}
     promise = promise_of(before, tuning_of(before))

@@ -92,6 +92,11 @@ class GainNames:
     whole: bool = False
 
     @property
+    def every(self) -> tuple[str, ...]:
+        """All gains of the axis; some firmwares scale P itself, which then stands twice."""
+        return *self.scaled, self.proportional, self.integral, self.derivative, self.angle
+
+    @property
     def common(self) -> tuple[str, ...]:
         """Those that multiply P, I and D and so take each of them beyond its own range; often none."""
         own = (self.proportional, self.integral, self.derivative)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -39,7 +38,7 @@ from quadid_logs.identify.response import SAMPLES_PER_CYCLE, Band, fitted_band, 
 from quadid_logs.identify.rigid_body import fit_single_rigid_body
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.slow_yaw import fit_slow_yaw
-from quadid_logs.identify.spectral import response_to_commands, solve_flight
+from quadid_logs.identify.spectral import AxisMoments, response_to_commands, solve_flight
 from quadid_logs.identify.spectral_axes import spoiled_axes, with_effects_beside, with_spectral_axes
 from quadid_logs.identify.spectral_effects import average_over_effects
 from quadid_logs.identify.splice import with_axis_of
@@ -144,8 +143,9 @@ def identify(
     told_again = _told_by_spectra(told_by_commands, data, models[0], identified.excitation, curve)
     told_again = told_again if wanted in ("", models[0].structure) else ()
     # The torque of such an axis answers gusts as well: its response to that is none of the vehicle's.
+    moments = {each.number: each for each in told_by_commands.axes}
     found = tuple(
-        told_by_commands.responses[axis] if axis in told_again else each for axis, each in enumerate(found)
+        response_to_commands(moments[axis]) if axis in told_again else each for axis, each in enumerate(found)
     )
     if told_again:
         identified = _with_spectral(
@@ -164,7 +164,7 @@ class _BySpectra(NamedTuple):
     plain: tuple[SpectralFit, ...] = ()
     fits: tuple[SpectralFit, ...] = ()
     planned: bool = False
-    responses: Mapping[int, Response] = MappingProxyType({})
+    axes: tuple[AxisMoments, ...] = ()
 
     def shows(self, effect: Effect) -> bool:
         """Say whether an axis shows an effect."""
@@ -177,8 +177,7 @@ def _by_spectra(data: FlightData) -> _BySpectra:
     if solution is None:
         return _BySpectra()
     fits = average_over_effects(solution, data)
-    found = {axis.number: response_to_commands(axis) for axis in solution.axes}
-    return _BySpectra(solution.fits, fits, solution.planned, found)
+    return _BySpectra(solution.fits, fits, solution.planned, tuple(solution.axes))
 
 
 def _told_by_spectra(

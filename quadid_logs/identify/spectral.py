@@ -45,7 +45,8 @@ BLOCK_S: Final = 4.0
 _PLANNED_BLOCK_S = 3.0
 #: What commands a turn commands tilt and speed, too, whose moments (of the air, and of the trim that they
 #: need) the torque holds against. Where they are as large as the torque's own the flight tells, in half
-#: octaves, or that there are none: of the lowest line they would be a sixth below the first.
+#: octaves, or that there are none. With 0.25 Hz they are a sixth of the torque's in the lowest band: with
+#: less, no more than other departures.
 _MOMENTS_HZ: Final = (0.0, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
 #: Beyond, blades, frame and filters move a gyro, and not the torque of rotors with a lag of some ten ms.
 _HIGHEST_HZ = 30.0
@@ -559,7 +560,7 @@ class AxisMoments:
         """Return the variance of each moment that products of motions make; shape (n_bands,).
 
         They may be in any octave, and coherent with the instrument at worst. Of a planned trajectory, moments
-        of speed are all of that.
+        of tilt and speed stand for that.
         """
         if self.planned:
             return np.zeros(self.centre_hz.size)
@@ -921,8 +922,8 @@ def _described(axes: Sequence[AxisMoments], actuator: SharedActuator) -> tuple[S
         slopes = theta[0] * by_coordinates(axis.white_commanded, actuator)
         own = np.r_[0:3, 3 + n_linear * number : 3 + n_linear * (number + 1)]
         # The priors of what is linear do not move with the actuator.
-        priors = np.vstack([slopes, np.zeros((len(columns) - len(slopes), 3))])
-        both = np.column_stack([priors, columns])
+        by_actuator = np.vstack([slopes, np.zeros((len(columns) - len(slopes), 3))])
+        both = np.column_stack([by_actuator, columns])
         whole[np.ix_(own, own)] += both.T @ both
         rows.append(both[: len(slopes)])
         places.append(own)

@@ -58,11 +58,7 @@ def gain_files(result: Result, tuning: Tuning) -> dict[str, str]:
     # Every gain that could be changed, as it flew, so that one flight has one way back.
     tunable = named(result.log.autopilot).tunable(parameters)
     axes = () if tunable is None else tunable.axes.values()
-    gain_names = (
-        name
-        for one in axes
-        for name in (*one.scaled, one.proportional, one.integral, one.derivative, one.angle)
-    )
+    gain_names = (name for one in axes for name in one.every)
     every = {name: parameters[name] for name in gain_names if np.isfinite(parameters.get(name, np.nan))}
     flown = every | known
     back = [("as flown", name, exact(value)) for name, value in flown.items()]
