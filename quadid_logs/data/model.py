@@ -691,6 +691,8 @@ class SpectralFit:
         Of the 95 % interval of the effectiveness, the gyro's scale included.
     used : bool
         The model's equation of this axis is this one.
+    alone : bool
+        A fit in time explains too little to stand beside it: commands tell this axis, or nothing does.
     planned : bool
         What was commanded is a planned trajectory. The torque of its controller follows the motion, and
         explains it well whatever the effectiveness is.
@@ -713,6 +715,7 @@ class SpectralFit:
     n_blocks: int
     half_width: float
     used: bool = False
+    alone: bool = False
     planned: bool = False
     effects: tuple[Effect, ...] = ()
     shift: float = 0.0

@@ -97,7 +97,10 @@ def find_in_models(log: FlightLog, identification: Identification) -> Iterator[F
 
 
 class _Axis(NamedTuple):
-    """What is known about one axis of the recommended model."""
+    """What is known about one axis of the recommended model.
+
+    ``asked`` is what its commands tell of it, ``spectral`` the same where the model's equation is that.
+    """
 
     name: str
     number: int
@@ -108,7 +111,7 @@ class _Axis(NamedTuple):
     enough_motion: str
     response: Response | None
     spectral: SpectralFit | None
-    tells_nothing: bool
+    asked: SpectralFit | None
 
     @property
     def r2(self) -> float:
@@ -133,6 +136,7 @@ _Check = Callable[[_Axis], Finding | None]
 
 def _axis(log: FlightLog, identification: Identification, model: Model, number: int) -> Iterator[Finding]:
     """Judge one axis; the first thing that makes its number worthless is enough."""
+    asked = next(iter(identification.spectral[number : number + 1]), None)
     axis = _Axis(
         name=AXES[number],
         number=number,
@@ -142,8 +146,8 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
         enough_motion=_enough_motion(log.format),
         response=identification.responses[number] if identification.responses else None,
-        spectral=next((each for each in identification.spectral[number : number + 1] if each.used), None),
-        tells_nothing=any(each.tells_nothing for each in identification.spectral[number : number + 1]),
+        spectral=asked if asked is not None and asked.used else None,
+        asked=asked,
     )
     fatal, others = _checks(axis, only_yaw=identification.only_yaw)
     for check in fatal:
@@ -159,7 +163,9 @@ def _checks(axis: _Axis, *, only_yaw: bool) -> tuple[tuple[_Check, ...], tuple[_
     """Return the checks of an axis of which the first that speaks is enough, and all others."""
     if only_yaw:
         return _SLOW_FATAL, _SLOW_OTHERS
-    return (_FATAL, _OTHERS) if axis.spectral is None else (_SPECTRAL_FATAL, _SPECTRAL_OTHERS)
+    if axis.spectral is not None:
+        return _SPECTRAL_FATAL, _SPECTRAL_OTHERS
+    return (_UNTOLD, ()) if axis.asked is not None and axis.asked.alone else (_FATAL, _OTHERS)
 
 
 def _enough_motion(log_format: str) -> str:
@@ -198,7 +204,9 @@ def _weakly_commanded(axis: _Axis) -> Finding | None:
     """Refuse an axis whose motion hardly follows from what was commanded, where much of it is the air's."""
     check = axis.model.structural
     strength = 1.0 if check is None else float(check.strength[axis.number])
-    if not strength < 1.0 and not (axis.tells_nothing and axis.r2 < _EXPLAINED):
+    asked = axis.asked
+    nothing = asked is not None and asked.tells_nothing and (asked.alone or axis.r2 < _EXPLAINED)
+    if not strength < 1.0 and not nothing:
         return None
     evidence = {} if check is None else {"f_over_needed": rounded(strength, 2)}
     title = f"The {axis.name} set-points explain too little of the {axis.name} torque"
@@ -450,6 +458,27 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
     return axis.finding("QL535", "warning" if fit.planned else "info", _evidence(axis) | evidence, title)
 
 
+def _untold(axis: _Axis) -> Finding | None:
+    """Refuse an axis that a fit in time does not explain, and its commands do not tell."""
+    fit = axis.asked
+    if fit is None:
+        return None
+    evidence = {
+        **_evidence(axis),
+        "gain": rounded(fit.gain),
+        "ci95": [rounded(fit.gain + sign * fit.half_width) for sign in (-1.0, 1.0)],
+        "commanded_r2": rounded(fit.r2_commanded),
+        "departure": rounded(fit.departure),
+        "segments": fit.n_blocks,
+    }
+    if fit.follows_commands and fit.is_described:
+        percent = 100.0 * fit.half_width / abs(fit.gain)
+        title = f"Commands tell the {axis.name} effectiveness to +-{percent:.0f} % only"
+        return axis.finding("QL505", "error", evidence, title)
+    title = f"One effectiveness, lag and damping do not describe how {axis.name} answers its commands"
+    return axis.finding("QL504", "error", evidence, title)
+
+
 _FATAL = (
     _poorly_excited,
     _follows_the_rate,
@@ -473,6 +502,8 @@ _SLOW_FATAL = (_poorly_excited, _follows_the_rate, _inverse_controller, _wrong_s
 _SLOW_OTHERS = (_from_slow_log, _depends_on_the_band, _interval_too_narrow, _wide)
 
 
+#: Of an axis that a fit in time does not explain and commands do not tell: why.
+_UNTOLD = (_poorly_excited, _follows_the_rate, _inverse_controller, _weakly_commanded, _untold)
 #: Rough air hides how well an axis follows its torque, and does not touch how it answers its commands.
 _SPECTRAL_FATAL = (_poorly_excited, _wrong_sign, _too_wide)
 _SPECTRAL_OTHERS = (_told_by_spectra, _changes_in_flight, _wide)

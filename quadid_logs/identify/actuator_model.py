@@ -14,6 +14,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import InputDescription
+from quadid_logs.data.model import TimingCheck
 from quadid_logs.identify.actuator import ActuatorFit, Scorer, lag_limit, same_loss
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import used_columns
@@ -68,6 +69,14 @@ class ActuatorModel(NamedTuple):
     design: Design
     rotors: Rotors | None = None
     unknown: TorqueUnknowns = NOTHING_UNKNOWN
+
+
+class KnownActuator(NamedTuple):
+    """Lag and delay [s] that are known before a fit in time, and by how much the torque is late, if it is."""
+
+    lag_s: float
+    delay_s: float
+    timing: TimingCheck | None = None
 
 
 class FitProblem(NamedTuple):

@@ -15,6 +15,7 @@ from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
 from quadid_logs.identify.actuator_model import (
     ActuatorModel,
     FitProblem,
+    KnownActuator,
     find_actuator_model,
     same_actuator_model,
 )
@@ -46,7 +47,8 @@ class ActuatedFit(NamedTuple):
     """A structure's estimate behind lag, delay and gyro filter, with what says whether to believe it.
 
     ``whole`` are the rows before they were high-passed, with the lag on the rotors
-    if it acts there; ``informative`` are the axes that answer to their own torque.
+    if it acts there; ``informative`` are the axes that answer to their own torque. Behind a `KnownActuator`,
+    ``formulations`` and ``bootstrap_half_width`` are None, and ``band`` is that of the fit alone.
     """
 
     whole: Design
@@ -56,15 +58,15 @@ class ActuatedFit(NamedTuple):
     informative: list[int]
     band: BandCheck
     change: ChangeCheck
-    formulations: FormulationCheck
-    bootstrap_half_width: FloatArray
+    formulations: FormulationCheck | None
+    bootstrap_half_width: FloatArray | None
     structural: StructuralCheck
 
 
 class Unchecked(NamedTuple):
     """The same without the checks, which take most of the time, and what they need.
 
-    ``untrimmed`` is the fit on the high-passed rows.
+    ``untrimmed`` is the fit on the high-passed rows, ``known`` the actuator if it was known before.
     """
 
     data: FlightData
@@ -75,6 +77,7 @@ class Unchecked(NamedTuple):
     untrimmed: PooledFit
     fit: PooledFit
     informative: list[int]
+    known: KnownActuator | None = None
 
 
 def fit_equation_by_equation(
@@ -112,6 +115,7 @@ def fit_unchecked(
     settings: IdentifySettings,
     *,
     voting: Sequence[int] = (0, 1, 2),
+    known: KnownActuator | None = None,
 ) -> Unchecked:
     """Fit as `fit_equation_by_equation` does, without the checks: a fit that does not stand needs none.
 
@@ -119,6 +123,8 @@ def fit_unchecked(
     ----------
     data, whole, structure, settings, voting
         As of `fit_equation_by_equation`.
+    known : KnownActuator, optional
+        Nothing is searched for then.
 
     Returns
     -------
@@ -126,7 +132,7 @@ def fit_unchecked(
     """
     described = data.input if rotors_known(data) else None
     problem, model, fit, informative = fit_behind_actuator(
-        data, whole.high_passed(settings.high_pass_hz), structure, voting=voting
+        data, whole.high_passed(settings.high_pass_hz), structure, voting=voting, known=known
     )
     if model.rotors is not None and described is not None:
         whole = with_lag_on_rotors(whole, described, model.rotors)
@@ -139,6 +145,7 @@ def fit_unchecked(
         untrimmed=fit,
         fit=with_trim(fit, structure, whole, model.actuator),
         informative=informative,
+        known=known,
     )
 
 
@@ -156,22 +163,24 @@ def checked(found: Unchecked) -> ActuatedFit:
     data, model, structure, fit = found.data, found.model, found.structure, found.untrimmed
     problem = found.problem._replace(kept=fit.kept)
     regression = lay_out(model.design, structure, model.actuator, fit.kept)
+    known = found.known
     return ActuatedFit(
         whole=found.whole,
         model=model,
         structure=structure,
         fit=found.fit,
         informative=found.informative,
-        band=_other_bands(data, problem, model, fit),
+        band=_bands(data, problem, model, fit, () if known else _OTHER_BANDS),
         change=check_change(model.design, structure, regression, found.informative),
-        formulations=check_formulations(model, structure, fit),
-        bootstrap_half_width=bootstrapped_half_width(model.design, structure, regression),
+        formulations=None if known else check_formulations(model, structure, fit),
+        bootstrap_half_width=None if known else bootstrapped_half_width(model.design, structure, regression),
         # An axis that turns too little for lag and delay may still have a number of its own.
         structural=check_structure(
             problem._replace(axes=_informative(fit, range(3))),
             model,
             fit,
             data.input if rotors_known(data) else None,
+            known,
         ),
     )
 
@@ -186,7 +195,12 @@ class _Behind(NamedTuple):
 
 
 def fit_behind_actuator(
-    data: FlightData, design: Design, structure: Structure, *, voting: Sequence[int] = (0, 1, 2)
+    data: FlightData,
+    design: Design,
+    structure: Structure,
+    *,
+    voting: Sequence[int] = (0, 1, 2),
+    known: KnownActuator | None = None,
 ) -> _Behind:
     """Fit a structure's equations one by one behind lag and delay, without any check.
 
@@ -198,12 +212,14 @@ def fit_behind_actuator(
     structure : Structure
     voting : sequence of int
         Axes that may vote on lag and delay.
+    known : KnownActuator, optional
+        Of the torque as logged.
 
     Returns
     -------
     _Behind
     """
-    actuator, informative, voters = _on_torque(structure, design, voting)
+    actuator, informative, voters = _on_torque(structure, design, voting, known)
     problem = FitProblem(
         design,
         structure,
@@ -212,20 +228,27 @@ def fit_behind_actuator(
         every_step=data.input is not None and data.input.every_step,
         grid=data.input.grid if data.input is not None else (0.0, 0.0, 0.0),
     )
-    model = find_actuator_model(problem, actuator, data.input if rotors_known(data) else None)
+    model = (
+        ActuatorModel(actuator, design)
+        if known
+        else find_actuator_model(problem, actuator, data.input if rotors_known(data) else None)
+    )
     return _Behind(problem, model, *_fit_behind(model, structure))
 
 
 def _on_torque(
-    structure: Structure, design: Design, voting: Sequence[int]
+    structure: Structure, design: Design, voting: Sequence[int], known: KnownActuator | None
 ) -> tuple[ActuatorFit, list[int], list[int]]:
     """Find a lag on the torque and a delay, the axes that are informative behind them, and who voted."""
     axes = told_axes(design)
     voters = [axis for axis in axes if axis in voting] or list(voting)
-    actuator = fit_actuator(design, structure, voters)
+    if known is None:
+        actuator = fit_actuator(design, structure, voters)
+    else:
+        actuator = ActuatorFit(known.lag_s, known.delay_s, np.zeros(0), np.zeros(0), np.zeros((0, 0)))
     informative = _explained(_r2_behind(actuator, structure, design), axes)
     chosen = [axis for axis in informative if axis in voting]
-    if chosen and chosen != voters:
+    if known is None and chosen and chosen != voters:
         actuator = fit_actuator(design, structure, chosen)
         informative = _explained(_r2_behind(actuator, structure, design), axes)
     return actuator, informative, [axis for axis in informative if axis in voting] or voters
@@ -306,12 +329,18 @@ def _damps_yaw(structure: Structure, fit: PooledFit) -> bool:
     return bool(fit.theta[yaw] + fit.half_width[yaw] < 0.0)
 
 
-def _other_bands(data: FlightData, problem: FitProblem, model: ActuatorModel, fit: PooledFit) -> BandCheck:
-    """Repeat the fit in a narrower and a wider band, and in one that begins later."""
+def _bands(
+    data: FlightData,
+    problem: FitProblem,
+    model: ActuatorModel,
+    fit: PooledFit,
+    others: Sequence[tuple[float, float]],
+) -> BandCheck:
+    """Repeat the fit in other bands: lower edge and smoothing cut-off times these."""
     design, structure = problem.design, problem.structure
     bands, gains = [(design.high_pass_hz, design.smoothing_hz)], [structure.on_axis(fit.theta)]
     most_hz = 1.0 / (_FEWEST_SAMPLES_PER_CYCLE * data.sample_period_s)
-    for low, high in _OTHER_BANDS:
+    for low, high in others:
         cutoff_hz = high * design.smoothing_hz
         if cutoff_hz < _NARROWEST_CHECK * low * design.high_pass_hz or cutoff_hz > most_hz:
             continue

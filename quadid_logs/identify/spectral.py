@@ -32,6 +32,7 @@ from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.model import Response, SpectralFit
 from quadid_logs.identify.driven import by_driven_axis
 from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
+from quadid_logs.identify.response import Band
 from quadid_logs.identify.systematic import GYRO_SYSTEMATIC
 from quadid_logs.identify.terms import MOST_DAMPING_1_S
 from quadid_logs.maths.band import ComplexArray, gyro_response
@@ -538,6 +539,26 @@ class AxisMoments:
         """Return what an equation leaves of the acceleration, shape (n_blocks, n_lines)."""
         left = self.acceleration - theta[0] * self.acting(actuator) - _weighted(theta[1:], self.regressors)
         return np.asarray(left, dtype=np.complex128)
+
+    def explained(self, actuator: SharedActuator, band: Band) -> float:
+        """Return R2 of the acceleration in a band by the equation behind an actuator, gusts and all.
+
+        Without what effects do, where they were taken out.
+
+        Parameters
+        ----------
+        actuator : SharedActuator
+        band : Band
+
+        Returns
+        -------
+        float
+        """
+        error = self.error(self.solved(actuator)[0], actuator)
+        hz = np.imag(self.s) / (2.0 * np.pi)
+        inside = (hz >= band.low_hz) & (hz <= band.high_hz)
+        left, whole = (float(np.sum(np.abs(each[:, inside]) ** 2)) for each in (error, self.logged))
+        return 1.0 - _ratio(left, whole)
 
     def _by_torque(self, theta: FloatArray) -> ComplexArray:
         """Return the moments of the acceleration that an equation leaves to the torque."""

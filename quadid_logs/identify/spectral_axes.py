@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Actuator, Model, Parameter, Posterior, SpectralFit
+from quadid_logs.data.model import Actuator, Model, Parameter, Posterior, SpectralFit, TimingCheck
 from quadid_logs.data.settings import IdentifySettings
+from quadid_logs.identify.actuator_model import KnownActuator
 from quadid_logs.identify.design import Design
-from quadid_logs.identify.equation_by_equation import INFORMATIVE_R2
 from quadid_logs.identify.inference import intervals
 from quadid_logs.identify.parameters import MAX_RELATIVE_CI
 from quadid_logs.identify.splice import with_axis_of, with_interval
@@ -25,9 +26,32 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYM
 
 #: What air does comes back in the torque through the controller, and lowers a fit in time by up to the part
 #: of the acceleration that it leaves unexplained: below the hundredth that gyros are off by, it is no matter.
-_EXPLAINED_R2 = 0.99
+EXPLAINED_R2: Final = 0.99
 _NOT_TOLD = "the response to commands gives effectiveness and damping only"
 _YAW = 2
+
+
+def actuator_told(fits: Sequence[SpectralFit]) -> KnownActuator | None:
+    """Return lag and delay as commands tell them, and whether the torque is late.
+
+    Parameters
+    ----------
+    fits : sequence of SpectralFit
+        Of roll, pitch, yaw.
+
+    Returns
+    -------
+    KnownActuator or None
+        None where neither roll nor pitch is told.
+    """
+    told = next((fit for fit in fits[:_YAW] if fit.is_sound), None)
+    if told is None:
+        return None
+    lag_s, delay_s = (float(value) for value in told.mean[2:4])
+    half_s = NORMAL_95 * float(np.sqrt(told.covariance[3, 3]))
+    # The effectiveness that commands tell knows of it.
+    late = TimingCheck(delay_s=delay_s, half_width_s=half_s, shift=(0.0, 0.0, 0.0))
+    return KnownActuator(lag_s, delay_s, late if delay_s + half_s < 0.0 else None)
 
 
 def spoiled_axes(model: Model, period_s: float) -> tuple[int, ...]:
@@ -48,10 +72,25 @@ def spoiled_axes(model: Model, period_s: float) -> tuple[int, ...]:
     return tuple(axis for axis in range(len(AXES)) if _is_spoiled(model, axis, period_s))
 
 
+def explains(model: Model, axis: int) -> bool:
+    """Say whether a fit in time explains so much that what air does through the controller is no matter.
+
+    Parameters
+    ----------
+    model : Model
+    axis : int
+        0 roll, 1 pitch, 2 yaw.
+
+    Returns
+    -------
+    bool
+    """
+    return model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], -np.inf) >= EXPLAINED_R2
+
+
 def _is_spoiled(model: Model, axis: int, period_s: float) -> bool:
-    r2 = model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], -np.inf)
     check = model.structural
-    if check is None or not r2 >= _EXPLAINED_R2 or is_late(check, period_s):
+    if check is None or not explains(model, axis) or is_late(check, period_s):
         return True
     large = any(abs(each.shift) > LARGE_SHIFT for each in possible_losses(check, axis))
     return large or bool(seen_effects(check, axis))
@@ -96,7 +135,7 @@ def with_spectral_axes(
     explained = model.validation.r2_acceleration
     others = {0, 1} - {*tilting}
     # Lag and delay of a fit in time are those of the axes that it explains.
-    in_time = any(explained.get(ACCELERATION_SYMBOLS[axis], 0.0) >= INFORMATIVE_R2 for axis in others)
+    in_time = any(explained.get(ACCELERATION_SYMBOLS[axis], 0.0) >= EXPLAINED_R2 for axis in others)
     if tilting and model.actuator is not None and not in_time:
         model = replace(model, actuator=_actuator(model.actuator, fits[tilting[0]]))
     return model

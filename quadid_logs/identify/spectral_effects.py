@@ -184,11 +184,35 @@ def _likeliest(found: Sequence[_Posterior], likely: FloatArray) -> EffectColumn 
 
 
 class _Moments(NamedTuple):
-    """Normal equations of an axis, and where its unknowns are among those of all."""
+    """Normal equations of an axis, and where its unknowns are among those of all.
+
+    ``main`` are those of the moments of the commanded torque alone, of which the estimate is.
+    """
 
     where: IntArray
     normal: FloatArray
     right: FloatArray
+    main: FloatArray
+
+
+class _Normal(NamedTuple):
+    """Normal equations of all axes; ``main`` as of `_Moments`."""
+
+    normal: FloatArray
+    right: FloatArray
+    main: FloatArray
+
+    @classmethod
+    def none(cls, n: int) -> _Normal:
+        """Return equations of nothing about n unknowns."""
+        return cls(np.zeros((n, n)), np.zeros(n), np.zeros((n, n)))
+
+    def add(self, of_axis: _Moments, sign: float = 1.0) -> None:
+        """Add the equations of an axis, or take them away."""
+        where = np.ix_(of_axis.where, of_axis.where)
+        self.normal[where] += sign * of_axis.normal
+        self.main[where] += sign * of_axis.main
+        self.right[of_axis.where] += sign * of_axis.right
 
 
 class _Own(NamedTuple):
@@ -217,12 +241,6 @@ class _Shown(NamedTuple):
     own: Sequence[_Own]
 
 
-def _add(normal: FloatArray, right: FloatArray, of_axis: _Moments, sign: float) -> None:
-    """Add the equations of an axis to those of all, or take them away."""
-    normal[np.ix_(of_axis.where, of_axis.where)] += sign * of_axis.normal
-    right[of_axis.where] += sign * of_axis.right
-
-
 class _Equations:
     """The moments of all axes around an estimate, to first order, with the columns of effects beside them.
 
@@ -246,6 +264,8 @@ class _Equations:
         self._lines: dict[int, ComplexArray] = {}
         self._of_shown: dict[int, _Shown] = {}
         self.base = self._normal(shown)
+        known = self.base.main[: self.n_known, : self.n_known]
+        self._covariance = np.asarray(np.linalg.pinv(known, hermitian=True), dtype=np.float64)
 
     def _known(self, place: int) -> FloatArray:
         """Return the rows of an axis without effects: slopes by the actuator, then its linear columns."""
@@ -274,13 +294,13 @@ class _Equations:
 
     def with_one_more(self, column: EffectColumn) -> _Posterior:
         """Return what one more effect does beside those that are shown."""
-        normal, right = self._with(column)
+        normal, right, main = self._with(column)
         covariance = np.linalg.pinv(normal[:-1, :-1], hermitian=True)
         moved = -covariance @ normal[:-1, -1]
         information = float(normal[-1, -1] + normal[-1, :-1] @ moved)
         prior = column.spread**2 * self._scale(column)
         if not information > _TINY / prior:
-            return _Posterior(column, 0.0, 0.0, prior, moved[: self.n_known])
+            return _Posterior(column, 0.0, 0.0, prior, self._estimate_moved(main, moved))
         value = float(right[-1] + right[:-1] @ moved) / information
         variance = few_blocks(self.axes[0].run.size) ** 2 / information
         mean, left = value * prior / (prior + variance), prior * variance / (prior + variance)
@@ -289,12 +309,17 @@ class _Equations:
             # Rotors lose torque, and win none.
             mean, left, above = _positive(mean, left)
             log_ratio += np.log(2.0 * above)
-        return _Posterior(column, float(log_ratio), mean, left, moved[: self.n_known])
+        return _Posterior(column, float(log_ratio), mean, left, self._estimate_moved(main, moved))
+
+    def _estimate_moved(self, main: FloatArray, moved: FloatArray) -> FloatArray:
+        """Return what one unit of one more effect, and what that makes of others, moves the estimate by."""
+        of_effects = np.append(moved[self.n_known :], 1.0)
+        return np.asarray(-self._covariance @ main[: self.n_known, self.n_known :] @ of_effects)
 
     def beside(self, column: EffectColumn) -> _Equations:
         """Return the equations around the estimate that knows of one more effect: fitted without it."""
         shown = [*self.shown, column]
-        normal, right = self._normal(shown)
+        normal, right, _ = self._normal(shown)
         found = (np.linalg.pinv(normal, hermitian=True) @ right)[self.n_known :]
         taken = np.add(found, [*self.taken, 0.0]).tolist()
         for place, axis in enumerate(self.axes):
@@ -311,8 +336,7 @@ class _Equations:
     def fit_of(self, place: int, found: Sequence[_Posterior], likely: FloatArray) -> SpectralFit:
         """Return the estimate of an axis with what effects that are shown, and one more, may still be."""
         axis, own = self.axes[place], self.own(place)[: _AXES + 2]
-        whole = np.asarray(np.linalg.pinv(self.base[0], hermitian=True), dtype=np.float64)
-        covariance = whole[np.ix_(own, own)]
+        covariance = self._with_shown()[np.ix_(own, own)]
         for chance, each in zip(likely.tolist(), found, strict=True):
             if axis.number in each.column.axes:
                 by_effect = np.outer(each.moved[own], each.moved[own])
@@ -320,6 +344,17 @@ class _Equations:
         fit, gain = self.fits[axis.number], float(self.theta[place][0])
         spread, half_width = spread_and_half_width(axis, gain, self.actuator, covariance)
         return replace(fit, covariance=spread, half_width=half_width)
+
+    def _with_shown(self) -> FloatArray:
+        """Return the covariance of the estimate with that of the effects that it knows of.
+
+        The estimate is that of the moments of the commanded torque. What an effect has moments of its own
+        for is its size: they are at the same frequencies, and depart with the others.
+        """
+        by_shown = self._covariance @ self.base.main[: self.n_known, self.n_known :]
+        whole = np.asarray(np.linalg.pinv(self.base.normal, hermitian=True), dtype=np.float64)
+        of_shown = whole[self.n_known :, self.n_known :]
+        return np.asarray(self._covariance + by_shown @ of_shown @ by_shown.T)
 
     def _scale(self, column: EffectColumn) -> float:
         """Return the square of what one unit of a coefficient is: of lost torque, the mean effectiveness."""
@@ -330,33 +365,34 @@ class _Equations:
         ]
         return float(np.mean(np.square(gains))) if column.of_torque and len(column.axes) == 1 else 1.0
 
-    def _normal(self, columns: Sequence[EffectColumn]) -> tuple[FloatArray, FloatArray]:
+    def _normal(self, columns: Sequence[EffectColumn]) -> _Normal:
         """Return the normal equations with effects and the priors of their size."""
-        n = self.n_known + len(columns)
-        normal, right = np.zeros((n, n)), np.zeros(n)
-        normal[:_AXES, :_AXES], right[:_AXES] = np.eye(_AXES), -self.actuator.coordinates
+        found = _Normal.none(self.n_known + len(columns))
+        for each in (found.normal, found.main):
+            each[:_AXES, :_AXES] = np.eye(_AXES)
+        found.right[:_AXES] = -self.actuator.coordinates
         for place in range(len(self.axes)):
-            _add(normal, right, self._moments(place, columns), 1.0)
+            found.add(self._moments(place, columns))
         taken = [*self.taken, *[0.0] * (len(columns) - len(self.taken))]
-        for number, column in enumerate(columns):
+        for number, column in enumerate(columns, self.n_known):
             information = 1.0 / (column.spread**2 * self._scale(column))
-            normal[self.n_known + number, self.n_known + number] += information
-            right[self.n_known + number] -= information * taken[number]
-        return normal, right
+            found.normal[number, number] += information
+            found.right[number] -= information * taken[number - self.n_known]
+        return found
 
-    def _with(self, column: EffectColumn) -> tuple[FloatArray, FloatArray]:
+    def _with(self, column: EffectColumn) -> _Normal:
         """Return the normal equations with one more effect, whose size is free."""
         columns, n = [*self.shown, column], self.n_known + len(self.shown)
-        normal, right = np.zeros((n + 1, n + 1)), np.zeros(n + 1)
-        normal[:n, :n], right[:n] = self.base
+        found = _Normal.none(n + 1)
+        found.normal[:n, :n], found.right[:n], found.main[:n, :n] = self.base
         for place, axis in enumerate(self.axes):
             if axis.number in column.axes:
                 # What is shown is taken away for every effect that is tried.
                 if place not in self._by_shown:
                     self._by_shown[place] = self._moments(place, self.shown)
-                _add(normal, right, self._by_shown[place], -1.0)
-                _add(normal, right, self._moments(place, columns), 1.0)
-        return normal, right
+                found.add(self._by_shown[place], -1.0)
+                found.add(self._moments(place, columns))
+        return found
 
     def _moments(self, place: int, columns: Sequence[EffectColumn]) -> _Moments:
         """Return the normal equations of an axis with those of these effects that are about it."""
@@ -365,7 +401,8 @@ class _Equations:
         where = np.concatenate([self.own(place), [self.n_known + number for number in own]]).astype(int)
         n_shown = sum(axis in column.axes for column in self.shown)
         rows, left = self._rows(place, [columns[number] for number in own], n_shown)
-        return _Moments(where, rows.T @ rows, rows.T @ left)
+        main = rows[: len(self.known[place])]
+        return _Moments(where, rows.T @ rows, rows.T @ left, main.T @ main)
 
     def _rows(
         self, place: int, columns: Sequence[EffectColumn], n_shown: int

@@ -16,7 +16,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.flight import InputDescription, Segment
 from quadid_logs.data.model import Effect, EffectCheck, StructuralCheck, TimingCheck
-from quadid_logs.identify.actuator_model import ActuatorModel, FitProblem, free_actuator_model
+from quadid_logs.identify.actuator_model import ActuatorModel, FitProblem, KnownActuator, free_actuator_model
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.first_stage import first_stage
 from quadid_logs.identify.fit import PooledFit, Regression, fit_pooled, lay_out
@@ -222,7 +222,11 @@ def _pseudo_inverse(columns: FloatArray) -> FloatArray:
 
 
 def check_structure(
-    problem: FitProblem, model: ActuatorModel, fit: PooledFit, described: InputDescription | None
+    problem: FitProblem,
+    model: ActuatorModel,
+    fit: PooledFit,
+    described: InputDescription | None,
+    known: KnownActuator | None = None,
 ) -> StructuralCheck:
     """Extend each equation by one effect after the other, and compare parts of the flight with each other.
 
@@ -235,13 +239,15 @@ def check_structure(
         To the rows of the model.
     described : InputDescription or None
         As of `quadid_logs.identify.actuator_model.find_actuator_model`.
+    known : KnownActuator, optional
+        The actuator was known before the fit: whether the torque is late, too.
 
     Returns
     -------
     StructuralCheck
     """
     structure, axes = problem.structure, problem.axes
-    free = _free_timing(problem, model, fit, described)
+    free = None if known else _free_timing(problem, model, fit, described)
     # Beside a torque from another time no effect could be told: each would make up for that.
     model = free or model
     design = model.design
@@ -259,7 +265,7 @@ def check_structure(
     found = look(equations)
     check = StructuralCheck(
         effects=tuple(each.check for each in found),
-        timing=None if free is None else _timing(problem, free, fit),
+        timing=known.timing if known else None if free is None else _timing(problem, free, fit),
         flight_gain=flight_gain,
         flight_half_width=flight_half_width,
         persistence=persistence,

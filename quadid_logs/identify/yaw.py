@@ -19,6 +19,7 @@ from quadid_logs.data.model import (
 )
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.actuator import ActuatorFit
+from quadid_logs.identify.actuator_model import KnownActuator
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.equation_by_equation import (
     INFORMATIVE_R2,
@@ -83,6 +84,7 @@ def fit_with_reaction(
     *,
     voting: Sequence[int] = (0, 1, 2),
     known: YawFit | None = None,
+    actuator: KnownActuator | None = None,
 ) -> YawFit:
     """Fit a structure equation by equation, with the reaction of the rotors in yaw where it is seen.
 
@@ -92,6 +94,8 @@ def fit_with_reaction(
         As of `quadid_logs.identify.equation_by_equation.fit_unchecked`.
     known : YawFit, optional
         Of another band, which says whether there is a reaction.
+    actuator : KnownActuator, optional
+        As of `quadid_logs.identify.equation_by_equation.fit_unchecked`.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def fit_with_reaction(
     if known is not None:
         structure = known.fit.structure
         return known._replace(fit=fit_unchecked(data, whole, structure, settings, voting=voting))
-    without = fit_unchecked(data, whole, structure, settings, voting=voting)
+    without = fit_unchecked(data, whole, structure, settings, voting=voting, known=actuator)
     at_once = without.model.actuator._replace(lag_s=0.0, delay_s=0.0)
     if _is_inverse_controller(_beside(without, at_once), without):
         return YawFit(without, is_inverse_controller=True)
@@ -109,7 +113,9 @@ def fit_with_reaction(
         return YawFit(without)
     # Beside a lead of its own, yaw tells little of the lag that all rotors have.
     tilting = [axis for axis in without.informative if axis != _YAW and axis in voting]
-    found = fit_unchecked(data, whole, structure.with_reaction(), settings, voting=tilting or (_YAW,))
+    found = fit_unchecked(
+        data, whole, structure.with_reaction(), settings, voting=tilting or (_YAW,), known=actuator
+    )
     seen = _lead(found.structure, found.fit)
     if not seen.reacts or seen.r2 <= without.fit.r2[_YAW]:
         return YawFit(without)
