@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ _KEY = "response"
 _HIGHEST_HZ = 30.0
 #: Below this coherence, gain and phase of the log are mostly chance.
 _WORTH_SHOWING = 0.6
-#: Third octaves that are known worse than this are mostly chance, too.
+#: Parts of octaves that are known worse than this are mostly chance, too.
 _LARGEST_ERROR = 0.5
 _HEIGHT = 0.65
 _BY_COMMANDS = (
@@ -33,6 +34,9 @@ _BY_COMMANDS = (
     "points: such a torque answers gusts as well)"
 )
 _FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
+#: Of a line beyond the first and the last dot: a sixth of an octave.
+_BEYOND = 2.0 ** (1.0 / 6.0)
+_LINE_POINTS = 100
 
 
 def frequency_response(result: Result) -> Figure | LeftOut:
@@ -72,6 +76,45 @@ def frequency_response(result: Result) -> Figure | LeftOut:
     )
 
 
+def response_to_commands_panel(result: Result, axis: str) -> Panel | None:
+    """Show the gain of an axis that its response to commands tells, measured and of the model.
+
+    Parameters
+    ----------
+    result : Result
+    axis : str
+        "roll", "pitch" or "yaw".
+
+    Returns
+    -------
+    Panel or None
+        None where no frequency is known to half.
+    """
+    model, found = result.identification.recommended, result.identification.responses
+    column, gyro_filter = AXES.index(axis), result.data.gyro_filter
+    measured = _octaves(found[column], gyro_filter, by_commands=True) if found else None
+    if model is None or measured is None or not measured.x.size:
+        return None
+    ends_hz = measured.x[0] / _BEYOND, measured.x[-1] * _BEYOND
+    frequency_hz = np.asarray(np.geomspace(*ends_hz, _LINE_POINTS), dtype=np.float64)
+    response = 2j * np.pi * frequency_hz * model_response(model, frequency_hz, gyro_filter)[:, column]
+    return _panel(
+        f"{axis.capitalize()}: answer to commands",
+        # As the effectiveness is told, at which the line is level.
+        Axis(label="gain", unit=_gain_unit(result.data, "rad"), log=True),
+        (*measured.gain_curve(np.abs), _line(frequency_hz, np.abs(response))),
+    )
+
+
+def _gain_unit(data: FlightData, angle: str = "deg") -> str:
+    unit = torque_axis(data.input).unit
+    return f"{angle}/s^2 per unit" if unit == "normalised" else f"{angle}/s^2/({unit})"
+
+
+def _abs_degrees(gain: ComplexArray) -> FloatArray:
+    return np.asarray(np.degrees(np.abs(gain)), dtype=np.float64)
+
+
 def _fitted_band(model: Model) -> tuple[Band, ...]:
     """Shade what the model was fitted to."""
     if model.band is None:
@@ -102,21 +145,20 @@ def _axis(
     if by_commands:
         good, measured = np.zeros_like(good), measured[:0]
     measured = measured * s[good]
-    third_octaves = _third_octaves(found, data.gyro_filter)
+    octaves = _octaves(found, data.gyro_filter, by_commands=by_commands)
     turned = [
         _near(np.degrees(np.angle(value)), np.interp(at, frequency_hz, model_deg))
-        for at, value in ((frequency_hz[good], measured), (third_octaves.x, third_octaves.gain))
+        for at, value in ((frequency_hz[good], measured), (octaves.x, octaves.gain))
     ]
-    name, unit = AXES[column], torque_axis(data.input).unit
-    gain_unit = "deg/s^2 per unit" if unit == "normalised" else f"deg/s^2/({unit})"
+    name = AXES[column]
     panels = (
         _panel(
             f"{name.capitalize()}: gain",
-            Axis(label="gain", unit=gain_unit, log=True),
+            Axis(label="gain", unit=_gain_unit(data), log=True),
             (
                 _points(frequency_hz[good], np.degrees(np.abs(measured))),
                 _line(frequency_hz, np.degrees(np.abs(response))),
-                *third_octaves.gain_curve(),
+                *octaves.gain_curve(),
             ),
         ),
         _panel(
@@ -125,7 +167,7 @@ def _axis(
             (
                 _points(frequency_hz[good], turned[0]),
                 _line(frequency_hz, model_deg),
-                *third_octaves.phase_curve(turned[1]),
+                *octaves.phase_curve(turned[1]),
             ),
         ),
         Panel(
@@ -140,16 +182,17 @@ def _axis(
     return tuple(replace(panel, model_of=name, bands=_fitted_band(model)) for panel in panels)
 
 
-class _ThirdOctaves(NamedTuple):
-    """Response in third octaves as the log shows it, behind the gyro's filter, with its standard error."""
+class _Octaves(NamedTuple):
+    """Response in parts of octaves as the log shows it, behind the gyro's filter, with its standard error."""
 
     x: FloatArray
     gain: ComplexArray
     error: FloatArray
+    label: str
 
-    def gain_curve(self) -> tuple[Curve, ...]:
+    def gain_curve(self, size_of: Callable[[ComplexArray], FloatArray] = _abs_degrees) -> tuple[Curve, ...]:
         """Return the gain with bars of 95 %; a logarithmic axis has no place for zero."""
-        size = np.degrees(np.abs(self.gain))
+        size = size_of(self.gain)
         low, high = np.maximum(1.0 - 2.0 * self.error, 0.1) * size, (1.0 + 2.0 * self.error) * size
         return self._curve(size, low, high)
 
@@ -161,19 +204,19 @@ class _ThirdOctaves(NamedTuple):
     def _curve(self, y: FloatArray, low: FloatArray, high: FloatArray) -> tuple[Curve, ...]:
         if not self.x.size:
             return ()
-        return (
-            Curve(label="third octaves", x=self.x, y=y, role="estimate", mark="bars", low=low, high=high),
-        )
+        return (Curve(label=self.label, x=self.x, y=y, role="estimate", mark="bars", low=low, high=high),)
 
 
-def _third_octaves(found: Response | None, gyro_filter: GyroFilter) -> _ThirdOctaves:
-    """Return the third octaves that are known to better than by half."""
+def _octaves(found: Response | None, gyro_filter: GyroFilter, *, by_commands: bool) -> _Octaves:
+    """Return the parts of octaves that are known to better than by half."""
+    label = "measured by commands" if by_commands else "third octaves"
     if found is None:
-        return _ThirdOctaves(np.zeros(0), np.zeros(0, dtype=np.complex128), np.zeros(0))
+        return _Octaves(np.zeros(0), np.zeros(0, dtype=np.complex128), np.zeros(0), label)
     known = (found.error < _LARGEST_ERROR) & (found.frequency_hz <= _HIGHEST_HZ)
     frequency_hz = found.frequency_hz[known]
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
-    return _ThirdOctaves(frequency_hz, found.gain[known] * gyro_response(s, *gyro_filter), found.error[known])
+    gain = np.asarray(found.gain[known] * gyro_response(s, *gyro_filter), dtype=np.complex128)
+    return _Octaves(frequency_hz, gain, found.error[known], label)
 
 
 def _near(phase_deg: FloatArray, model_deg: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.model import FitSeries
 from quadid_logs.data.result import Result
+from quadid_logs.figures.bode import response_to_commands_panel
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Panel, Ribbon
 from quadid_logs.figures.thinning import thin_line
 from quadid_logs.figures.time_series import RATE_AXIS, spans
@@ -19,7 +20,11 @@ from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 
 KEY: Final = "evidence"
 _TITLE = "Validation data: measured and predicted rates"
-_OF_AIR = " Air also moves an axis marked 'by commands', so only its response to commands is judged."
+_TITLE_BY_COMMANDS = "Measured and predicted"
+_BY_COMMANDS = (
+    " Air also moves an axis that is marked 'by commands': shown is how strongly it accelerates ({unit}) for "
+    "a torque that was commanded, as measured (dots with 95 % intervals) and of the model."
+)
 #: As long as an eye can follow a manoeuvre [s].
 _CLOSE_LOOK_S = 5.0
 #: The band holds this fraction of the held-out errors.
@@ -74,41 +79,60 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
         return LeftOut(key=KEY, title=_TITLE, reason=reason)
     verdicts = result.diagnosis.axes
     panels: list[Panel] = []
-    any_by_commands = False
+    unit = ""
     for axis, symbol, held in zip(AXES, RATE_SYMBOLS, found, strict=True):
         refused = axis in verdicts and verdicts[axis].verdict == "refused"
         r2 = model.validation.r2_high_passed_rate.get(symbol, float("nan"))
-        commanded = any(one.used for one in result.identification.spectral[AXES.index(axis) :][:1])
-        by_commands = commanded and not r2 >= MIN_SIMULATED_R2
-        any_by_commands |= by_commands and not refused
-        panels.append(
-            Panel(
-                title=axis.capitalize()
-                + (": refused" if refused else _explained(r2, by_commands=by_commands)),
-                x=Axis(label="time", unit="s"),
-                y=replace(held.axis(), label="" if panels else RATE_AXIS.label),
-                curves=held.curves(),
-                ribbons=() if refused else held.ribbons(),
-            )
+        in_time = Panel(
+            title=axis.capitalize() + (": refused" if refused else _explained(r2)),
+            x=Axis(label="time", unit="s"),
+            y=replace(held.axis(), label="" if panels else RATE_AXIS.label),
+            curves=held.curves(),
+            ribbons=() if refused else held.ribbons(),
         )
+        answer = answer_to_commands(result, axis)
+        if answer is not None:
+            title, unit = f"{axis.capitalize()}: by commands", answer.y.unit.replace("^2", "²")
+            answer = replace(answer, title=title, y=replace(answer.y, label=""))
+        panels.append(answer or in_time)
     return Figure(
         key=KEY,
-        title=_TITLE,
-        caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis. Simulated from the logged "
-        f"torque only, without motion slower than the fitted band ({slowest_hz(result):.2g} Hz)."
-        + (_OF_AIR if any_by_commands else ""),
+        title=_TITLE_BY_COMMANDS if unit else _TITLE,
+        caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis [deg/s]. Simulated from the "
+        f"logged torque only, without motion slower than the fitted band ({slowest_hz(result):.2g} Hz)."
+        + (_BY_COMMANDS.format(unit=unit) if unit else ""),
         panels=tuple(panels),
         columns=3,
         low=True,
     )
 
 
-def _explained(r2: float, *, by_commands: bool) -> str:
-    """Say what fraction of the motion is predicted, or that air moved it and commands alone were judged."""
+def answer_to_commands(result: Result, axis: str) -> Panel | None:
+    """Show what an axis is judged by that air moves as well; None where the torque tells its motion.
+
+    Parameters
+    ----------
+    result : Result
+    axis : str
+        "roll", "pitch" or "yaw".
+
+    Returns
+    -------
+    Panel or None
+    """
+    identified, verdict = result.identification, result.diagnosis.axes.get(axis)
+    model = identified.recommended
+    told = any(each.used for each in identified.spectral[AXES.index(axis) :][:1])
+    if model is None or not told or verdict is None or verdict.verdict == "refused":
+        return None
+    r2 = model.validation.r2_high_passed_rate.get(RATE_SYMBOLS[AXES.index(axis)], float("nan"))
+    return None if r2 >= MIN_SIMULATED_R2 else response_to_commands_panel(result, axis)
+
+
+def _explained(r2: float) -> str:
+    """Say what fraction of the motion is predicted."""
     if not np.isfinite(r2):
         return ""
-    if by_commands:
-        return ": by commands"
     return f": {100.0 * r2:.3g} % predicted" if r2 > 0.0 else ": nothing predicted"
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from quadid_logs.data.result import Result
-from quadid_logs.figures.evidence import held_out_seconds
+from quadid_logs.figures.evidence import answer_to_commands, held_out_seconds
 from quadid_logs.figures.spec import Curve, Figure, Panel
 from quadid_logs.figures.thinning import break_at_gaps, thin_line
 from quadid_logs.figures.time_series import RATE_AXIS, TIME
@@ -34,25 +35,32 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
     vehicle = ", ".join(filter(None, (printable(result.log.frame, 30), printable(result.log.firmware, 50))))
     held = dict(zip(AXES, held_out_seconds(result), strict=False))
     curves = {axis: each.curves() for axis, each in held.items()} or _measured(result)
+    answers = {axis: answer_to_commands(result, axis) for axis in AXES}
     shown = (
         "Body rates on validation data: measured, and predicted from the torque alone."
         if held
         else "Body rates of the log; no model could be fitted, or no data were kept for validation."
     )
+    if any(answers.values()):
+        shown += " Of an axis that air moves, too: its acceleration per commanded torque against frequency."
     return Figure(
         key="summary",
         title=f"{name}: {headline}",
         caption=f"{vehicle + '. ' if vehicle else ''}{shown} Gains with 95 % intervals. Made with "
         "quadid-logs.",
         panels=tuple(
-            Panel(
+            replace(
+                answers[axis]
+                or Panel(
+                    title="",
+                    x=TIME,
+                    y=held[axis].axis() if axis in held else RATE_AXIS,
+                    curves=curves.get(axis, ()),
+                    ribbons=held[axis].ribbons() if axis in held else (),
+                ),
                 title=", ".join(
                     filter(None, (f"{axis.capitalize()}: {_verdict(result, axis)}", gains.get(axis, "")))
                 ),
-                x=TIME,
-                y=held[axis].axis() if axis in held else RATE_AXIS,
-                curves=curves.get(axis, ()),
-                ribbons=held[axis].ribbons() if axis in held else (),
             )
             for axis in AXES
         ),
