@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ import typer
 from quadid_logs.cli.completion import structures
 from quadid_logs.cli.failure import exit_code_of, report_problem, say
 from quadid_logs.cli.logs import check_log, expanded
+from quadid_logs.cli.longest import of_longest
 from quadid_logs.cli.options import (
     AxisNames,
     Band,
@@ -28,7 +29,6 @@ from quadid_logs.cli.options import (
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Part, Progress, parts
 from quadid_logs.cli.terminal import is_terminal, show_result
-from quadid_logs.errors import SeveralLogsError
 from quadid_logs.output import check_free, write_beside
 from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
@@ -236,22 +236,14 @@ def _refused(result: Result) -> set[str]:
 
 
 def _result_of(logs: list[Path], wish: _Wish, progress: Progress) -> Result:
-    """Analyze one log (or several as one); of a file that holds several the longest, and say so."""
+    """Analyze one log, or several as one."""
     from quadid_logs.pipeline import analyze as analyze_log
     from quadid_logs.pipeline import analyze_pooled
 
     if len(logs) > 1:
         return analyze_pooled(logs, wish.settings, vehicle=wish.vehicle, progress=progress)
-    try:
-        return analyze_log(logs[0], wish.settings, vehicle=wish.vehicle, progress=progress)
-    except SeveralLogsError as several:
-        report_problem(
-            f"{logs[0].name} holds {len(several.logs)} logs. Log {several.longest}, the longest "
-            f"({several.durations_s[several.longest]:.1f} s), is analyzed. Choose another one with --log N; "
-            "info lists them."
-        )
-        settings = replace(wish.settings, log=several.longest)
-    return analyze_log(logs[0], settings, vehicle=wish.vehicle, progress=progress)
+    of_log = partial(analyze_log, logs[0], vehicle=wish.vehicle, progress=progress)
+    return of_longest(logs[0], wish.settings, of_log)
 
 
 def _say_result(result: Result, folder: Path, wish: _Wish) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.longest import of_longest
 from quadid_logs.cli.options import Band, EndS, LogNumber, Quiet, StartS, System, VehicleFile, settings_of
 from quadid_logs.cli.outcome import say_outcome
 from quadid_logs.cli.progress import Progress
@@ -53,7 +55,8 @@ def check(
     described = None if vehicle is None else read_vehicle(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
     with Progress(log.name, quiet=quiet) as progress:
-        after = analyze(log, settings, vehicle=described, progress=progress)
+        of_log = partial(analyze, log, vehicle=described, progress=progress)
+        after = of_longest(log, settings, of_log)
         progress("check")
         found = check_promise(promised, after, provenance_of(log).log_sha256)
     code = _EXIT_CODES[found.outcome.value]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.longest import of_longest
 from quadid_logs.cli.options import Band, EndS, OpenPage, Quiet, StartS, System, settings_of
 from quadid_logs.cli.outcome import say_outcome, write_outcome
 from quadid_logs.cli.page import open_page
@@ -73,8 +75,8 @@ def compare(
         check_log(log)
     for log, number in zip((before, after), log_numbers, strict=True):
         with Progress(log.name, quiet=quiet) as progress:
-            of_log = replace(settings, log=number)
-            results.append(analyze(log, of_log, vehicle=described, progress=progress))
+            of_log = partial(analyze, log, vehicle=described, progress=progress)
+            results.append(of_longest(log, replace(settings, log=number), of_log))
     first, second = results
     comparison = compare_results(first, second)
     text = comparison_text(first, second, comparison)

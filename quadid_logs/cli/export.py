@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.longest import of_longest
 from quadid_logs.cli.options import EndS, LogNumber, Quiet, StartS, System, settings_of
 from quadid_logs.cli.progress import Progress
 from quadid_logs.output import check_free, new_folder, write_beside
@@ -102,7 +104,8 @@ def _export_model(
     check_free(output, force=force)
     check_log(log)
     with Progress(log.name, quiet=quiet) as progress:
-        result = analyze(log, settings, vehicle=vehicle, progress=progress)
+        of_log = partial(analyze, log, vehicle=vehicle, progress=progress)
+        result = of_longest(log, settings, of_log)
     content = model_bytes(result, output.suffix.lower())
     with new_folder(output.parent):
         write_beside(output, content)

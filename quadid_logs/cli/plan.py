@@ -11,6 +11,7 @@ import typer
 from quadid_logs.cli.completion import autopilots, axes
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.longest import of_longest
 from quadid_logs.cli.options import Band, EndS, LogNumber, OpenPage, Quiet, StartS, System, settings_of
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
@@ -134,7 +135,7 @@ def plan(
         wanted_of = make(autopilot.lower(), axis or (), version).autopilot if autopilot else ""
         with Progress("plan", quiet=quiet) as progress:
             progress("analyzing the log")
-            known = analyze(like, settings, vehicle=described)
+            known = of_longest(like, settings, partial(analyze, like, vehicle=described))
         flown = known.log
         if wanted_of not in ("", flown.autopilot):
             raise SettingsError(

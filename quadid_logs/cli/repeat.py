@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from quadid_logs.cli.logs import check_log, expanded
+from quadid_logs.cli.longest import of_longest
 from quadid_logs.cli.options import Band, EndS, OpenPage, Quiet, StartS, System, settings_of
 from quadid_logs.cli.outcome import say_outcome, write_outcome
 from quadid_logs.cli.page import open_page
@@ -70,7 +72,8 @@ def repeat(
     results = []
     for log, part in zip(logs, parts(logs), strict=True):
         with Progress(log.name, quiet=quiet, part=part) as progress:
-            results.append(analyze(log, settings, vehicle=described, progress=progress))
+            of_log = partial(analyze, log, vehicle=described, progress=progress)
+            results.append(of_longest(log, settings, of_log))
     found = repeat_results(results)
     text = repetition_text(found)
     written = "" if output is None else _write(output, found, text)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,7 @@ import typer
 
 from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.longest import of_longest
 from quadid_logs.cli.options import (
     Band,
     EndS,
@@ -142,9 +144,11 @@ def tune(
     for one in earlier or ():
         with Progress(one.name, quiet=quiet) as progress:
             own = settings_of(band=band, system=system)
-            before.append(analyze(one, own, vehicle=described, published=False, progress=progress))
+            of_log = partial(analyze, one, vehicle=described, published=False, progress=progress)
+            before.append(of_longest(one, own, of_log))
     with Progress(log.name, quiet=quiet) as progress:
-        result = analyze(log, settings, vehicle=described, published=False, progress=progress)
+        of_log = partial(analyze, log, vehicle=described, published=False, progress=progress)
+        result = of_longest(log, settings, of_log)
         result = with_earlier(result, before)
         progress("tune")
         tuning = recommend(result, limits, apart=apart, filters=filters, ranges=ranges)

@@ -57,6 +57,27 @@ def test_the_number_of_a_log_is_heard(
     assert "There is no log 9" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "verb",
+    [
+        ("analyze", "FILE"),
+        ("tune", "FILE"),
+        ("export", "FILE", "--model", "-o", "out.mat"),
+        ("compare", "FILE", "FILE"),
+        ("repeat", "FILE", "FILE"),
+        ("plan", "--like", "FILE"),
+    ],
+    ids=lambda verb: verb[0],
+)
+def test_every_verb_takes_the_longest_log_and_says_so(
+    verb: tuple[str, ...], file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All but `analyze` ended with exit code 2."""
+    monkeypatch.chdir(file.parent)
+    main([str(file) if word == "FILE" else word for word in verb])
+    assert "two.bbl holds 2 logs. Log 2, the longest" in capsys.readouterr().err
+
+
 def test_the_next_commands_name_the_log_of_the_file() -> None:
     """As they stood there, `tune` and `compare` would have refused the file."""
     result = usable_result()
