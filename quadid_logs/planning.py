@@ -129,9 +129,11 @@ class Plan:
 
     def steps(self) -> tuple[str, ...]:
         """Return what to fly, in order."""
-        return self.advice.steps(
+        *flown, last = self.advice.steps(
             self.axes, {axis: dataclasses.asdict(each) for axis, each in self.sweeps.items()}
         )
+        by_files = self.advice.excitation_step if self.excitations else ""
+        return (*flown, *filter(None, [by_files]), last)
 
     def steps_by_hand(self) -> tuple[str, ...]:
         """Return how to fly the sweeps without the script; empty where no script flies them."""
@@ -253,7 +255,7 @@ def make_plan(
         scenario, seed=0, duration_s=60.0, rate_hz=400.0, vehicle=vehicle, autopilot=autopilot
     )[0]
     excitations = {}
-    if advice.excitation_entry and (advice.excitation_entry == "rate" or advice.sweep_magnitudes(version)):
+    if advice.excites(version):
         excitations = _excitations(advice, chosen, known, setup, air, wanted)
     # The sweep of an axis, faded in while its first two cycles last.
     sweeps = {

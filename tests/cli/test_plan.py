@@ -12,7 +12,7 @@ import pytest
 from quadid_logs.cli import main
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.planning import Prediction, make_plan, predict
-from quadid_logs.report.plan import card_lines, live_files, parameter_files, settings_lines
+from quadid_logs.report.plan import card_lines, excitation_lines, live_files, parameter_files, settings_lines
 from quadid_logs.simulate.sweep import Sweep, sweep_wave
 
 pytestmark = pytest.mark.usefixtures("quick_multisines")
@@ -257,7 +257,7 @@ def test_a_betaflight_plan_is_flown_by_stick_or_chirp_and_gives_every_axis(
 ) -> None:
     """What to type in, after what keeps the settings; the simulated flight of it is usable."""
     folder = tmp_path / "plan"
-    assert main(["plan", "--autopilot", "betaflight", "--firmware", "4.5", "-o", str(folder), "-q"]) == 0
+    assert main(["plan", "--autopilot", "betaflight", "--firmware", "2025.12", "-o", str(folder), "-q"]) == 0
     assert capsys.readouterr().out == ""
     card = (folder / "plan.md").read_text()
     assert card.index("diff all") < card.index("blackbox_sample_rate = 1/4") < card.index("CHIRP")
@@ -272,6 +272,14 @@ def test_a_betaflight_plan_is_flown_by_stick_or_chirp_and_gives_every_axis(
         "chirp.txt",
         "chirp-off.txt",
     }
+
+
+def test_a_plan_for_a_betaflight_without_a_chirp_mode_names_none() -> None:
+    """It was added in 2025.12: a table of its sweeps and two files would have been of no use."""
+    plan = make_plan("betaflight", [], (4, 5))
+    assert not plan.script_files()
+    assert "CHIRP" not in "\n".join([*excitation_lines(plan), *plan.steps()])
+    assert sum("doublets" in step for step in plan.steps()) == 3
 
 
 def test_a_plan_for_an_old_betaflight_sets_what_it_has() -> None:

@@ -144,17 +144,20 @@ class BetaflightAdvice(Advice):
             f"If the build has no CHIRP mode, {self._doublets(axes)}"
         )
 
-    def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
-        """Doublets by stick, or the chirp mode: whether a build has it, nothing tells before the flight."""
-        *flown, land = super().steps(axes, sweeps)
+    def excites(self, version: Version | None) -> bool:
+        """By the chirp mode, which older firmware lacks."""
+        return version is None or version >= _CHIRP_SINCE
+
+    @property
+    def excitation_step(self) -> str:
+        """The chirp mode: whether a build has it, nothing tells before the flight."""
         since = ".".join(map(str, _CHIRP_SINCE))
-        chirp = (
+        return (
             f"A build with CHIRP ({since} or later) can do the doublets' work: paste {CHIRP} on the command "
             "line, and switch the CHIRP mode on six times for chirp_time_seconds, with a pause between. The "
             "firmware moves roll, pitch and yaw in turn, so that each is moved twice in one log. Afterwards "
             f"paste {CHIRP_OFF}."
         )
-        return (*flown, chirp, land)
 
     def excitation_files(
         self,

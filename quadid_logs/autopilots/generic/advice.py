@@ -301,6 +301,27 @@ class Advice:
         """
         return ()
 
+    def excites(self, version: Version | None) -> bool:
+        """Say whether the firmware can move the axes by itself, or by the files of a plan.
+
+        Parameters
+        ----------
+        version : tuple of int, or None
+            None for a recent one.
+
+        Returns
+        -------
+        bool
+        """
+        return self.excitation_entry == "rate" or bool(
+            self.excitation_entry and self.sweep_magnitudes(version)
+        )
+
+    @property
+    def excitation_step(self) -> str:
+        """What in a plan can take the place of doublets by stick, before landing; "" where nothing can."""
+        return ""
+
     def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
         """Return how to fly a plan from take-off to landing, in order.
 

@@ -95,17 +95,16 @@ class Px4Advice(Advice):
             files[PARAMETERS_BACK] = self.parameter_text("Failsafes as before", known, parameters)
         return files
 
-    def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
-        """Doublets by stick, or the script where there is a link to a computer."""
-        *flown, land = super().steps(axes, sweeps)
-        script = (
+    @property
+    def excitation_step(self) -> str:
+        """The script, where there is a link to a computer."""
+        return (
             f"With a computer on MAVLink, {SCRIPT} can move all axes in place of the doublets: load "
             f"{PARAMETERS}, "
             f"hover in Position mode 10 m high, run `python {SCRIPT} ADDRESS`, and switch to Offboard "
             f"when it asks "
             "for it. Another mode, the sticks, or Ctrl-C end it."
         )
-        return (*flown, script, land)
 
     def _logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to do about SDLOG_PROFILE; the old logger's files are of DataFlash's framing."""
