@@ -88,8 +88,8 @@ def block_spectra(
         return None
     return BlockSpectra(
         frequency_hz=lines / (n_samples * period_s),
-        values=np.concatenate(values) * period_s,
-        by_slope=np.concatenate(by_slope) * period_s,
+        values=np.asarray(np.concatenate(values) * period_s, dtype=np.complex128),
+        by_slope=np.asarray(np.concatenate(by_slope) * period_s, dtype=np.complex128),
         start_s=np.concatenate(starts),
         run=np.concatenate(runs),
         period_s=period_s,
