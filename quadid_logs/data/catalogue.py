@@ -389,7 +389,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL504",
                 "The model fails on validation data",
-                "On validation data, which the fit did not use, the model predicts the acceleration badly.",
+                "On validation data, which the fit did not use, the model predicts the acceleration badly. "
+                "Where air moved the vehicle as its commands did: one effectiveness, lag and damping do not "
+                "describe how it answered its commands.",
                 f"Do not use this axis. {_ENOUGH}",
                 step="fly",
             ),
