@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import rfft
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.maths.band import ComplexArray
@@ -68,6 +67,8 @@ def block_spectra(
     BlockSpectra or None
         None where no record is as long as a block.
     """
+    from scipy.fft import rfft
+
     n_samples = 2 * round(0.5 * length_s / period_s)
     lines = np.arange(2, min(int(highest_hz * n_samples * period_s), n_samples // 2 - 1) + 1)
     values, by_slope, starts, runs = [], [], [], []
