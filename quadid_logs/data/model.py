@@ -749,6 +749,16 @@ class SpectralFit:
         return described and 0.0 < self.half_width <= _WIDEST * self.gain
 
     @property
+    def is_told(self) -> bool:
+        """Whether the model's equation of this axis is this one, and of use."""
+        return self.used and self.is_of_use
+
+    @property
+    def is_known(self) -> bool:
+        """Whether it is a vehicle's response to commands with an effectiveness, to whatever width."""
+        return self.follows_commands and 0.0 < self.half_width < self.gain
+
+    @property
     def tells_nothing(self) -> bool:
         """Whether commands leave open that the torque has no effect at all."""
         return not self.half_width < self.gain

@@ -146,7 +146,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
         enough_motion=_enough_motion(log.format),
         response=identification.responses[number] if identification.responses else None,
-        spectral=asked if asked is not None and asked.used else None,
+        spectral=asked if asked is not None and asked.is_told else None,
         asked=asked,
     )
     fatal, others = _checks(axis, only_yaw=identification.only_yaw)
@@ -202,10 +202,11 @@ def _poorly_excited(axis: _Axis) -> Finding | None:
 
 def _weakly_commanded(axis: _Axis) -> Finding | None:
     """Refuse an axis whose motion hardly follows from what was commanded, where much of it is the air's."""
-    check = axis.model.structural
-    strength = 1.0 if check is None else float(check.strength[axis.number])
-    asked = axis.asked
-    nothing = asked is not None and asked.tells_nothing and (asked.alone or axis.r2 < _EXPLAINED)
+    check, asked = axis.model.structural, axis.asked
+    # What commands tell alone says itself how strong they are.
+    alone = asked is not None and asked.alone
+    strength = 1.0 if alone or check is None else float(check.strength[axis.number])
+    nothing = asked is not None and asked.tells_nothing and (alone or axis.r2 < _EXPLAINED)
     if not strength < 1.0 and not nothing:
         return None
     evidence = {} if check is None else {"f_over_needed": rounded(strength, 2)}

@@ -217,7 +217,7 @@ def _feedback(model: Model) -> dict[str, object]:
 
 def _axis(identification: Identification, model: Model, number: int, axis: str) -> Iterator[Finding]:
     """Judge one axis: what makes its number worthless is enough, then what would change it."""
-    told = any(fit.used for fit in identification.spectral[number : number + 1])
+    told = any(fit.is_told for fit in identification.spectral[number : number + 1])
     if holds_one_frequency(identification.excitation, number):
         yield _one_frequency(identification.excitation[number], axis, told=told)
     elif model.structural is not None:
@@ -300,7 +300,7 @@ def _commanded_rates(model: Model, numbers: Sequence[int], *, may_be_rate: bool)
 def _by_spectra(fits: Sequence[SpectralFit]) -> Iterator[Finding]:
     """Name the effects of which an effectiveness that comes from answers to commands knows."""
     for axis, fit in zip(AXES, fits, strict=False):
-        for effect in fit.effects if fit.used else ():
+        for effect in fit.effects if fit.is_told else ():
             if effect == "cut steps":
                 # The finding about the steps is there already.
                 continue

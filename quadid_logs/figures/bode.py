@@ -49,7 +49,7 @@ def frequency_response(result: Result) -> Figure | LeftOut:
         reason = "No model was fitted." if model is None else "No segment was long enough for a spectrum."
         return LeftOut(key=_KEY, title=_TITLE, reason=reason)
     found = result.identification.responses
-    by_commands = [fit.used for fit in result.identification.spectral] or [False] * len(AXES)
+    by_commands = [fit.is_told for fit in result.identification.spectral] or [False] * len(AXES)
     columns = [
         _axis(data, model, column, n_block, found[column] if found else None, by_commands[column])
         for column in range(len(AXES))

@@ -122,7 +122,7 @@ def answer_to_commands(result: Result, axis: str) -> Panel | None:
     """
     identified, verdict = result.identification, result.diagnosis.axes.get(axis)
     model = identified.recommended
-    told = any(each.used for each in identified.spectral[AXES.index(axis) :][:1])
+    told = any(each.is_told for each in identified.spectral[AXES.index(axis) :][:1])
     if model is None or not told or verdict is None or verdict.verdict == "refused":
         return None
     r2 = model.validation.r2_high_passed_rate.get(RATE_SYMBOLS[AXES.index(axis)], float("nan"))

@@ -136,13 +136,13 @@ def identify(
         told_by_commands = _by_spectra(data)
     wanted = recommended or settings.structure
     by_commands = wanted in ("", structures[0].name)
-    alone = _behind_told_actuator(told_by_commands, band, data, design, structures, settings)
-    alone = alone if by_commands else None
-    fits = alone or _fit_first(data, design, structures, settings)
+    behind_told = _behind_told_actuator(told_by_commands, band, data, design, structures, settings)
+    behind_told = behind_told if by_commands else None
+    fits = behind_told or _fit_first(data, design, structures, settings)
     used = design.high_passed(settings.high_pass_hz)
     told = [] if design.instruments is None else told_axes(used)
     found = responses(data, by_setpoints=told)
-    if alone is None and not settings.smoothing_hz and settings.high_pass_hz:
+    if behind_told is None and not settings.smoothing_hz and settings.high_pass_hz:
         # By set-points the response of an axis can be known before a fit of it is any good.
         asked = told or fits.informative
         tilting = {axis: found[axis] for axis in asked if axis < 2 and found}
@@ -153,12 +153,14 @@ def identify(
     models = fits.models()
     identified = _identified(data, _recommend(models, wanted), design)
     spectral = told_by_commands.fits
-    told_again = _told_by_spectra(told_by_commands, data, models[0], identified.excitation, curve)
+    alone = [axis for axis, fit in enumerate(spectral) if fit.planned or not explains(models[0], axis)]
+    told_again = _told_by_spectra(told_by_commands, data, models[0], identified.excitation, curve, alone)
     told_again = told_again if by_commands else ()
     # The torque of such an axis answers gusts as well: its response to that is none of the vehicle's.
     moments = {each.number: each for each in told_by_commands.axes}
     found = tuple(
-        response_to_commands(moments[axis]) if axis in told_again else each for axis, each in enumerate(found)
+        response_to_commands(moments[axis]) if axis in told_again and spectral[axis].is_of_use else each
+        for axis, each in enumerate(found)
     )
     if told_again:
         identified = _with_spectral(
@@ -168,11 +170,7 @@ def identify(
     beside = (with_effects_beside(each, spectral, in_time) for each in identified.models)
     identified = replace(identified, models=tuple(with_flights_beside(each) for each in beside))
     spectral = tuple(
-        replace(
-            each,
-            used=axis in told_again,
-            alone=by_commands and (each.planned or not explains(models[0], axis)),
-        )
+        replace(each, used=axis in told_again, alone=by_commands and axis in alone)
         for axis, each in enumerate(spectral)
     )
     return replace(identified, responses=found, thrust_curve=curve, spectral=spectral)
@@ -230,8 +228,12 @@ def _told_by_spectra(
     model: Model,
     excitation: Sequence[Excitation],
     curve: ThrustCurve | None,
+    alone: Sequence[int],
 ) -> tuple[int, ...]:
-    """Return the axes whose fit in time is replaced by what answers to commands tell."""
+    """Return the axes whose fit in time is replaced by what answers to commands tell.
+
+    Of those that commands tell ``alone`` a refused number is theirs, too: its interval says why.
+    """
     axes = range(len(told.fits))
     spoiled = axes if told.planned else spoiled_axes(model, data.sample_period_s)
     # At one frequency a fit in time takes lag and delay for known.
@@ -245,7 +247,8 @@ def _told_by_spectra(
         for axis in wider
         if told.fits[axis].is_sound and told.fits[axis].half_width < _half_width(model, axis)
     )
-    return tuple(sorted({*(axis for axis in spoiled if told.fits[axis].is_of_use), *narrower}))
+    of_use = (axis for axis in spoiled if told.fits[axis].is_of_use)
+    return tuple(sorted({*of_use, *(axis for axis in alone if told.fits[axis].is_known), *narrower}))
 
 
 def _half_width(model: Model, axis: int) -> float:

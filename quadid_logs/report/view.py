@@ -232,7 +232,7 @@ def _validation_sentence(model: Model | None, spectral: Sequence[SpectralFit] = 
         return "No data could be kept for validation, so the model is not validated."
     # What the verdict asks too: each axis by itself, so that none pays for another that is refused.
     r2 = values_of(model.validation.r2_high_passed_rate, RATE_SYMBOLS)
-    by_commands = {axis: fit.r2_commanded for axis, fit in zip(AXES, spectral, strict=False) if fit.used}
+    by_commands = {axis: fit.r2_commanded for axis, fit in zip(AXES, spectral, strict=False) if fit.is_told}
     # Below zero it is worse than no model at all, and by how much tells nobody anything.
     told = [
         f"{percent(value)} of {axis}" if value > 0.0 else f"nothing of {axis}"

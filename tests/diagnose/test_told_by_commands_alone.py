@@ -11,7 +11,7 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import Identification, SpectralFit
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.diagnose.model_findings import find_in_models
-from quadid_logs.identify import identify
+from quadid_logs.identify import _BySpectra, _told_by_spectra, identify
 from tests.align.flights import flight_log
 from tests.identify.vehicles import QUAD, fly, multisine
 
@@ -24,12 +24,13 @@ FIT = SpectralFit(
     n_blocks=20,
     half_width=12.0,
 )
+DATA = fly(QUAD, multisine(30.0), feedback=8.0)
 
 
 @pytest.fixture(scope="module")
 def good() -> Identification:
     """A flight that a fit in time explains: nothing else speaks against its pitch."""
-    return identify(fly(QUAD, multisine(30.0), feedback=8.0), IdentifySettings())
+    return identify(DATA, IdentifySettings())
 
 
 def errors(good: Identification, **pitch: object) -> list[Finding]:
@@ -56,6 +57,17 @@ def test_an_answer_that_one_equation_does_not_explain_is_refused(good: Identific
     (found,) = errors(good, r2_commanded=0.66, alone=True)
     assert found.code == "QL504"
     assert "answers its commands" in found.title
+
+
+@pytest.mark.parametrize(("alone", "told"), [((1,), (1,)), ((), ())])
+def test_a_refused_number_is_that_of_the_commands_where_these_tell_alone(
+    good: Identification, alone: tuple[int, ...], told: tuple[int, ...]
+) -> None:
+    """Known to 40 %: too wide to use, and the only number that the reason speaks of."""
+    wide = (replace(FIT, half_width=40.0),) * 3
+    asked = _BySpectra(plain=wide, fits=wide)
+    model = good.models[0]
+    assert _told_by_spectra(asked, DATA, model, good.excitation, None, alone) == told
 
 
 def test_an_axis_of_which_commands_leave_everything_open_is_refused_for_that(good: Identification) -> None:
