@@ -126,7 +126,9 @@ class _Axis(NamedTuple):
     def finding(self, code: str, level: Level, evidence: Mapping[str, object], title: str = "") -> Finding:
         """Return a finding about this axis; with what to fly where more motion would help."""
         advice, step = self.advice if CATALOGUE[code].step == "fly" else "", None
-        if advice and code not in _COMMANDS_HELP and self.rate_rms_deg_s >= WELL_EXCITED_DEG_S:
+        # Where air moves an axis as much, how much it turned says nothing: commands narrow the interval.
+        commands_help = code in _COMMANDS_HELP or (self.asked is not None and self.asked.alone)
+        if advice and not commands_help and self.rate_rms_deg_s >= WELL_EXCITED_DEG_S:
             advice, step = self.enough_motion, _OTHER
         return finding(code, level, evidence, axes=(self.name,), advice=advice, title=title, step=step)
 

@@ -52,6 +52,14 @@ def test_a_wide_answer_to_commands_is_no_reason_to_take_a_fit_in_time(good: Iden
     assert "60 %" in found.title
 
 
+def test_more_commands_are_advised_however_much_air_turned_the_axis(good: Identification) -> None:
+    """Larger manoeuvres 'would not help' a pitch whose interval they narrow."""
+    fast = tuple(replace(each, rate_rms_rad_s=1.0) for each in good.excitation)
+    (found,) = errors(replace(good, excitation=fast), half_width=60.0, alone=True)
+    assert "would not help" not in found.advice
+    assert "doublets" in found.advice
+
+
 def test_an_answer_that_one_equation_does_not_explain_is_refused(good: Identification) -> None:
     """Two thirds of what was commanded."""
     (found,) = errors(good, r2_commanded=0.66, alone=True)
