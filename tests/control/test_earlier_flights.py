@@ -56,6 +56,7 @@ def test_a_flight_that_tells_the_lag_better_narrows_it() -> None:
     assert half_widths(found)[2] < 0.3 * half_widths(vague)[2]
 
 
+@pytest.mark.thorough
 def test_joined_intervals_hold_the_truth_where_errors_of_lag_and_delay_are_the_same_in_all_flights() -> None:
     random, inside = np.random.default_rng(3), []
     for seed in range(60):
@@ -76,6 +77,7 @@ def test_a_flight_of_another_vehicle_narrows_nothing_and_is_told() -> None:
     assert joined(now, CONTROLLER, [told(TRUTH), other]) == (now, (), (1,))
 
 
+@pytest.mark.thorough
 def test_flights_of_one_vehicle_seldom_tell_of_two() -> None:
     random, alarms = np.random.default_rng(8), 0
     for seed in range(100):
@@ -221,6 +223,7 @@ def test_earlier_flights_that_tell_of_two_vehicles_leave_an_axis_refused() -> No
     assert "QL626" in reasons(with_earlier(gusty(result, "QL504"), [third, calmer(result)]))
 
 
+@pytest.mark.thorough
 def test_intervals_of_earlier_flights_hold_a_vehicle_that_differs_from_flight_to_flight() -> None:
     """Of battery and air: 3 % of its effectiveness, 15 % of its damping, 1 ms (95 %)."""
     result = without_posterior(flown("ardupilot"))

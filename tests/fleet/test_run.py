@@ -132,6 +132,7 @@ def test_a_store_is_neither_overwritten_nor_mixed(undisturbed, logs, tmp_path):
         run_fleet(files, tmp_path, Options(), Cluster(workers=1), resume=True)
 
 
+@pytest.mark.thorough
 def test_a_killed_worker_and_a_restarted_scheduler_change_nothing(undisturbed, logs, tmp_path):
     """Both happen while logs are in flight; the store ends the same."""
     store = tmp_path / "store"
