@@ -99,7 +99,7 @@ def find_in_models(log: FlightLog, identification: Identification) -> Iterator[F
 class _Axis(NamedTuple):
     """What is known about one axis of the recommended model.
 
-    ``asked`` is what its commands tell of it, ``spectral`` the same where the model's equation is that.
+    ``asked`` is what its commands tell of it.
     """
 
     name: str
@@ -110,8 +110,17 @@ class _Axis(NamedTuple):
     advice: str
     enough_motion: str
     response: Response | None
-    spectral: SpectralFit | None
     asked: SpectralFit | None
+
+    @property
+    def spectral(self) -> SpectralFit | None:
+        """What its commands tell of it, where the model's equation is that."""
+        return self.asked if self.asked is not None and self.asked.is_told else None
+
+    @property
+    def alone(self) -> bool:
+        """Whether commands tell it, or nothing does."""
+        return self.asked is not None and self.asked.alone
 
     @property
     def r2(self) -> float:
@@ -127,7 +136,7 @@ class _Axis(NamedTuple):
         """Return a finding about this axis; with what to fly where more motion would help."""
         advice, step = self.advice if CATALOGUE[code].step == "fly" else "", None
         # Where air moves an axis as much, how much it turned says nothing: commands narrow the interval.
-        commands_help = code in _COMMANDS_HELP or (self.asked is not None and self.asked.alone)
+        commands_help = code in _COMMANDS_HELP or self.alone
         if advice and not commands_help and self.rate_rms_deg_s >= WELL_EXCITED_DEG_S:
             advice, step = self.enough_motion, _OTHER
         return finding(code, level, evidence, axes=(self.name,), advice=advice, title=title, step=step)
@@ -138,7 +147,6 @@ _Check = Callable[[_Axis], Finding | None]
 
 def _axis(log: FlightLog, identification: Identification, model: Model, number: int) -> Iterator[Finding]:
     """Judge one axis; the first thing that makes its number worthless is enough."""
-    asked = next(iter(identification.spectral[number : number + 1]), None)
     axis = _Axis(
         name=AXES[number],
         number=number,
@@ -148,8 +156,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
         enough_motion=_enough_motion(log.format),
         response=identification.responses[number] if identification.responses else None,
-        spectral=asked if asked is not None and asked.is_told else None,
-        asked=asked,
+        asked=next(iter(identification.spectral[number : number + 1]), None),
     )
     fatal, others = _checks(axis, only_yaw=identification.only_yaw)
     for check in fatal:
@@ -167,7 +174,7 @@ def _checks(axis: _Axis, *, only_yaw: bool) -> tuple[tuple[_Check, ...], tuple[_
         return _SLOW_FATAL, _SLOW_OTHERS
     if axis.spectral is not None:
         return _SPECTRAL_FATAL, _SPECTRAL_OTHERS
-    return (_UNTOLD, ()) if axis.asked is not None and axis.asked.alone else (_FATAL, _OTHERS)
+    return (_UNTOLD, ()) if axis.alone else (_FATAL, _OTHERS)
 
 
 def _enough_motion(log_format: str) -> str:
@@ -206,9 +213,8 @@ def _weakly_commanded(axis: _Axis) -> Finding | None:
     """Refuse an axis whose motion hardly follows from what was commanded, where much of it is the air's."""
     check, asked = axis.model.structural, axis.asked
     # What commands tell alone says itself how strong they are.
-    alone = asked is not None and asked.alone
-    strength = 1.0 if alone or check is None else float(check.strength[axis.number])
-    nothing = asked is not None and asked.tells_nothing and (alone or axis.r2 < _EXPLAINED)
+    strength = 1.0 if axis.alone or check is None else float(check.strength[axis.number])
+    nothing = asked is not None and asked.tells_nothing and (axis.alone or axis.r2 < _EXPLAINED)
     if not strength < 1.0 and not nothing:
         return None
     evidence = {} if check is None else {"f_over_needed": rounded(strength, 2)}

@@ -99,7 +99,7 @@ def response_to_commands_panel(result: Result, axis: str) -> Panel | None:
     frequency_hz = np.asarray(np.geomspace(*ends_hz, _LINE_POINTS), dtype=np.float64)
     response = 2j * np.pi * frequency_hz * model_response(model, frequency_hz, gyro_filter)[:, column]
     return _panel(
-        f"{axis.capitalize()}: answer to commands",
+        f"{axis.capitalize()}: by commands",
         # As the effectiveness is told, at which the line is level.
         Axis(label="gain", unit=_gain_unit(result.data, "rad"), log=True),
         (*measured.gain_curve(np.abs), _line(frequency_hz, np.abs(response))),

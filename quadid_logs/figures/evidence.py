@@ -92,8 +92,8 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
         )
         answer = answer_to_commands(result, axis)
         if answer is not None:
-            title, unit = f"{axis.capitalize()}: by commands", answer.y.unit.replace("^2", "²")
-            answer = replace(answer, title=title, y=replace(answer.y, label=""))
+            unit = answer.y.unit.replace("^2", "²")
+            answer = replace(answer, y=replace(answer.y, label=""))
         panels.append(answer or in_time)
     return Figure(
         key=KEY,

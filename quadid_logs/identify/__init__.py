@@ -136,8 +136,9 @@ def identify(
         told_by_commands = _by_spectra(data)
     wanted = recommended or settings.structure
     by_commands = wanted in ("", structures[0].name)
-    behind_told = _behind_told_actuator(told_by_commands, band, data, design, structures, settings)
-    behind_told = behind_told if by_commands else None
+    behind_told = None
+    if by_commands:
+        behind_told = _behind_told_actuator(told_by_commands, band, data, design, structures, settings)
     fits = behind_told or _fit_first(data, design, structures, settings)
     used = design.high_passed(settings.high_pass_hz)
     told = [] if design.instruments is None else told_axes(used)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYM
 
 #: What air does comes back in the torque through the controller, and lowers a fit in time by up to the part
 #: of the acceleration that it leaves unexplained: below the hundredth that gyros are off by, it is no matter.
-EXPLAINED_R2: Final = 0.99
+_EXPLAINED_R2 = 0.99
 _NOT_TOLD = "the response to commands gives effectiveness and damping only"
 _YAW = 2
 
@@ -85,7 +84,7 @@ def explains(model: Model, axis: int) -> bool:
     -------
     bool
     """
-    return model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], -np.inf) >= EXPLAINED_R2
+    return model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], -np.inf) >= _EXPLAINED_R2
 
 
 def _is_spoiled(model: Model, axis: int, period_s: float) -> bool:
@@ -132,10 +131,8 @@ def with_spectral_axes(
             model, _of_axis(model, structure, fits[axis], axis, data, design, settings), axis, data
         )
     tilting = [axis for axis in axes if axis != _YAW]
-    explained = model.validation.r2_acceleration
-    others = {0, 1} - {*tilting}
     # Lag and delay of a fit in time are those of the axes that it explains.
-    in_time = any(explained.get(ACCELERATION_SYMBOLS[axis], 0.0) >= EXPLAINED_R2 for axis in others)
+    in_time = any(explains(model, axis) for axis in {0, 1} - {*tilting})
     if tilting and model.actuator is not None and not in_time:
         model = replace(model, actuator=_actuator(model.actuator, fits[tilting[0]]))
     return model
