@@ -84,12 +84,12 @@ def _line(axis: str, found: AxisLoop) -> Finding | None:
     line = f"{rounded(frame.line_hz, 3):g} Hz about {axis}"
     advice = (
         f"Look for what bends or is loose at {line}: stiffen it, or put a notch there if a log at the rate "
-        "of the loop shows the peak, too. Do not raise gains before that."
+        "of the loop shows the peak, too. Do not raise P or D before that."
     )
     # A loop near its limit makes a line of its own at its crossover; what bends takes margin, too.
     if room_of(margins) <= Room.POOR:
         advice = (
-            f"The line at {line} may be the loop itself, which has little margin. Do not raise gains, and "
+            f"The line at {line} may be the loop itself, which has little margin. Do not raise P or D: "
             "fly with more margin first. If the line stays, look for what bends or is loose: stiffen it, or "
             "put a notch there if a log at the rate of the loop shows the line, too."
         )

@@ -716,7 +716,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "allow for it. A log that is slower than the loop may show faster vibration there, as of a "
                 "propeller's blades.",
                 "Look for what bends or is loose, and stiffen it; or put a notch at that frequency if a log "
-                "at the rate of the loop shows the peak, too. Do not raise gains before that.",
+                "at the rate of the loop shows the peak, too. Do not raise P or D before that.",
                 scope="loop",
             ),
             _entry(

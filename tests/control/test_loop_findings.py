@@ -104,7 +104,7 @@ def test_a_line_beside_a_loop_near_its_limit_is_not_blamed_on_the_frame(
     (line,) = (one for one in found_in(AxisLoop(margins=loops, frame=frame)) if one.code == "QL607")
     assert said in line.advice
     assert ("more margin first" in line.advice) == (said == "the loop itself")
-    assert "not raise gains" in line.advice
+    assert "not raise P or D" in line.advice
 
 
 def test_a_gain_that_may_not_fall_is_as_little_margin_as_one_that_may_not_rise() -> None:
