@@ -15,6 +15,7 @@ from quadid_logs.control.posterior import draw
 from quadid_logs.data.closed_loop import AxisLoop
 from quadid_logs.data.controller import Replay, ReplayReason
 from quadid_logs.data.diagnosis import AxisVerdict, Finding
+from quadid_logs.data.log import NO_GYRO_FILTER
 from quadid_logs.data.off_nominal import AS_FLOWN, OFF_NOMINAL, Ranges
 from quadid_logs.data.result import PooledLog, Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Limits
@@ -30,6 +31,12 @@ def on_log(**fields: Any) -> Callable[[Result], Result]:
 
 def on_parameters(**values: float | None) -> Callable[[Result], Result]:
     return lambda result: with_parameters(result, **values)
+
+
+def hidden_notch(result: Result) -> Result:
+    """Follow a rotor speed that nobody logged, behind the rates that were."""
+    hidden = with_parameters(result, INS_HNTCH_ENABLE=1.0, INS_HNTCH_MODE=3.0, INS_HNTCH_REF=1.0)
+    return replace(hidden, data=replace(hidden.data, gyro_filter=NO_GYRO_FILTER))
 
 
 def renamed(**values: float) -> Callable[[Result], Result]:
@@ -217,7 +224,7 @@ SABOTAGES: dict[str, tuple[str, Callable[[Result], Result]]] = {
     "a lag that is hardly known": ("QL618", on_posterior(2, 0.03)),
     "a payload that swings": ("QL619", found_mode),
     "a payload that swings about another axis": ("QL619", partial(found_mode, axes=("pitch",))),
-    "a hidden notch": ("QL620", on_parameters(INS_HNTCH_ENABLE=1.0, INS_HNTCH_MODE=3.0, INS_HNTCH_REF=1.0)),
+    "a hidden notch behind the logged rates": ("QL620", hidden_notch),
     "a firmware without a version": (
         "QL621",
         lambda result: with_log(result, replace(result.log, firmware="")),

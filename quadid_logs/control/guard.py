@@ -76,6 +76,12 @@ class Case:
         return 0.0 if described is None else described.limited_fraction[AXES.index(self.axis)]
 
     @property
+    def hides_a_notch(self) -> bool:
+        """Whether a notch follows what neither the parameters nor the log hold."""
+        remarks = () if self.controllers is None else self.controllers.remarks
+        return any(one.kind is RemarkKind.NOTCH_UNKNOWN for one in remarks)
+
+    @property
     def controller(self) -> AxisController | None:
         """Of this axis, where the parameters tell it."""
         return None if self.controllers is None else self.controllers.axes.get(self.axis)
@@ -186,7 +192,7 @@ def _controller(case: Case) -> Iterator[Finding]:
         too_old = advice_for(log.autopilot).controller_note(log.version)
         yield _refusal("QL611", case, {"parameters": missing[:8]}, advice=too_old)
     for one in mine:
-        if one.kind is RemarkKind.NOTCH_UNKNOWN:
+        if one.kind is RemarkKind.NOTCH_UNKNOWN and not _logged_behind_filters(case):
             yield _refusal("QL620", case, dict(one.values))
         if one.kind is RemarkKind.ANGLE_LOOP_UNKNOWN:
             yield _refusal("QL643", case, dict(one.values))
@@ -195,6 +201,12 @@ def _controller(case: Case) -> Iterator[Finding]:
     unknown = [name for name in case.names.scaled if not _positive_or_zero(case.parameters.get(name))]
     if case.controller is not None and unknown:
         yield _refusal("QL611", case, {"parameters": unknown})
+
+
+def _logged_behind_filters(case: Case) -> bool:
+    """Tell whether the rates passed the loop's filters: a notch that nobody knows delays them like a rotor."""
+    passed = case.data.gyro_filter
+    return passed.low_pass_hz > 0.0 or bool(passed.notches or passed.tracked)
 
 
 def _positive_or_zero(value: float | None) -> bool:

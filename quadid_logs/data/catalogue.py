@@ -864,10 +864,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL620",
                 "The phase of a notch is not known",
-                "A notch follows a frequency that neither the parameters nor the log hold. The phase that "
-                "it takes is missing in the margins.",
-                "Log what the notch follows. Or fix the notch at one frequency, fly once more, and tune "
-                "from that flight.",
+                "A notch follows a frequency that neither the parameters nor the log hold, and the body rates "
+                "were logged before it. The phase that it takes is missing in the margins.",
+                "Log the body rates behind the filters, or what the notch follows. Or fix the notch at one "
+                "frequency, fly once more, and tune from that flight.",
                 step="set",
                 scope="gains",
             ),
@@ -1055,7 +1055,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The filters stay as they flew",
                 "Other filters are recommended only where they help: no axis gets more gust error than "
                 "with new gains alone, and one axis gets 5 % less gust error or noise. No setting that "
-                "was tried does that, or all axes share the filters and one of them has no model.",
+                "was tried does that, or all axes share the filters and one of them has no model, or a notch "
+                "follows a frequency that the log does not hold.",
                 "Load the gains. Leave the filters.",
                 scope="gains",
             ),

@@ -17,6 +17,7 @@ from quadid_logs.align.series import CleanSeries
 from quadid_logs.autopilots.betaflight.airframe import find_airframe
 from quadid_logs.autopilots.betaflight.controller import controllers
 from quadid_logs.autopilots.betaflight.filters import measured_filter, settings_filter
+from quadid_logs.autopilots.betaflight.flown import flown
 from quadid_logs.autopilots.betaflight.frames import FRAMES, Frame
 from quadid_logs.autopilots.betaflight.log import read
 from quadid_logs.autopilots.betaflight.mixer import before_linearisation, highest_output, mix_factor
@@ -353,6 +354,33 @@ def test_the_delay_of_the_gyro_filters_is_measured() -> None:
     found = measured_filter(rate[:-2], rate[2:], 1e-3)
     assert found is not None
     assert math.sqrt(2.0) / (2.0 * math.pi * found.low_pass_hz) == pytest.approx(2e-3, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("version", "mode", "is_gyro"),
+    [("3.3.0", 6, False), ("3.4.0", 6, True), ("4.4.3", 6, True), ("4.5.0", 6, False), ("4.3.1", 7, False)],
+)
+def test_the_gyro_before_its_filters_is_read_from_the_debug_fields_of_one_mode(
+    version: str, mode: int, is_gyro: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """GYRO_SCALED, whole degrees per second in logs of tenths too; the number is another mode's since 4.5."""
+    fields = (*maker.FIELDS, *((f"debug[{axis}]", 1, 0, 0, 1, 0) for axis in range(4)))
+    monkeypatch.setattr(maker, "FIELDS", fields)
+    monkeypatch.setattr(maker, "NAMES", tuple(field[0] for field in fields))
+    rng = np.random.default_rng(0)
+    rate = np.rint(np.convolve(rng.normal(0.0, 300.0, 8000), np.hanning(50), mode="same") / 5.0).astype(int)
+    log = made(
+        tmp_path,
+        {"gyroADC[0]": 10 * rate[:-2], "debug[0]": rate[2:]},
+        Firmware__revision=f"Betaflight {version} (abc) F7",
+        debug_mode=str(mode),
+        blackbox_high_resolution="1",
+    )
+    raw = [one for one in log.candidates("body_rate") if one.raw]
+    assert [one.source for one in raw] == ["main.debug[0..2]"] * is_gyro
+    if is_gyro:
+        np.testing.assert_allclose(raw[0].values[:, 0], DEGREE * rate[2:], rtol=1e-6)
+        assert flown(log).gyro_delay_s == pytest.approx(2e-3, rel=0.05)
 
 
 def test_low_passes_in_a_row_delay_by_their_sum() -> None:

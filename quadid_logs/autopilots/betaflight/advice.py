@@ -72,7 +72,7 @@ class BetaflightAdvice(Advice):
             "QL613": "Leave gyro, PID and set-points among the logged fields (blackbox_disable_gyro, "
             "blackbox_disable_pids and blackbox_disable_setpoint = OFF), and fly once more.",
             "QL620": "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters. "
-            "Firmware before 4.5 does not log it: update.",
+            "Firmware from 3.4 to 4.4 logs it where debug_mode = GYRO_SCALED.",
             "QL643": "Fly the whole flight in Acro mode, and tune from that.",
             "QL644": "Set blackbox_high_resolution = ON (4.4 and later).",
         }

@@ -74,7 +74,7 @@ def _gyro_delay_s(log: FlightLog) -> float:
     """Return the delay of all filters, the dynamic ones too, NaN where it cannot be measured."""
     sources = log.candidates("body_rate")
     filtered = next((one for one in sources if one.source == "main.gyroADC"), None)
-    unfiltered = next((one for one in sources if one.source == "main.gyroUnfilt"), None)
+    unfiltered = next((one for one in sources if one.raw), None)
     if filtered is None or unfiltered is None or filtered.n_samples < 2:
         return math.nan
     found = measured_filter(filtered.values, unfiltered.values, float(np.median(np.diff(filtered.time_s))))

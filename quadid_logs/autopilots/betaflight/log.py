@@ -164,7 +164,7 @@ def _signals(
     part = Part(name="main", table=main, rows=rows, log=facts)
     filtered, unfiltered = (
         stacked(main, [f"{name}[{axis}]" for axis in range(3)], dtype=np.float32)
-        for name in ("gyroADC", dialect.unfiltered)
+        for name in ("gyroADC", "debug" if facts.debug_is_gyro else dialect.unfiltered)
     )
     known = None
     if filtered is not None and unfiltered is not None and len(rows.time_s) > 1:

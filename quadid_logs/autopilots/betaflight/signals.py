@@ -47,6 +47,11 @@ PID_SUM_LIMITS: Final = {
 }
 #: blackbox_high_resolution logs rates and set-points in tenths.
 _HIGH_RESOLUTION: Final = 0.1
+#: The debug mode that logs the gyro before its filters [deg/s]; from 4.5 on a field of its own does, and the
+#: number is that of another mode (debug.h; gyro_filter_impl.c, DEBUG_GYRO_SCALED).
+_GYRO_SCALED: Final = 6
+_GYRO_SCALED_SINCE: Final = (3, 4)
+_GYRO_SCALED_BEFORE: Final = (4, 5)
 #: The change that brought this setting, in 4.4, also rounded the terms; all headers have held it since.
 _SINCE_ROUNDED: Final = "blackbox_high_resolution"
 #: The log's name of the sticks that set-points are made of.
@@ -77,6 +82,8 @@ class Facts:
         Units of the fields: set-points and gyro [deg/s], accelerometer [m/s^2], battery [V].
     has_set_points, has_throttle : bool
         They are logged, behind the curves of the sticks.
+    debug_is_gyro : bool
+        The debug fields hold the gyro before its filters.
     sticks : Sticks or None
         Where the header tells how sticks ask for rates.
     straight : ndarray, shape (3,), or None
@@ -99,6 +106,7 @@ class Facts:
     cuts_terms: bool
     has_set_points: bool
     has_throttle: bool
+    debug_is_gyro: bool
     sticks: Sticks | None
     straight: FloatArray | None
     levels: BoolArray
@@ -146,6 +154,9 @@ class Facts:
             cuts_terms=cuts_terms(header.texts),
             has_set_points="setpoint[0]" in main.names,
             has_throttle="setpoint[3]" in main.names,
+            debug_is_gyro=header.number("debug_mode") == _GYRO_SCALED
+            and version is not None
+            and _GYRO_SCALED_SINCE <= version < _GYRO_SCALED_BEFORE,
             # Later ones log set-points, unless told not to, and smooth them behind the sticks.
             sticks=None
             if counts or version is None or version >= _SET_POINTS_SINCE
@@ -199,6 +210,11 @@ def _set_points(part: _Part, source: _Row) -> FloatArray | None:
 def _gyro(part: _Part, source: _Row) -> FloatArray | None:
     """Turn degrees per second, tenths of them, or counts of the sensor into rad/s, FRD."""
     return _turned(_columns(part, source), part.log.gyro)
+
+
+def _debug_gyro(part: _Part, source: _Row) -> FloatArray | None:
+    """Turn the whole degrees per second that one debug mode holds into rad/s, FRD."""
+    return _turned(_columns(part, source), 1.0) if part.log.debug_is_gyro else None
 
 
 def _turned(rates: FloatArray | None, unit: float) -> FloatArray | None:
@@ -372,6 +388,8 @@ SOURCES: Final[tuple[Source[_Part], ...]] = (
            label="gyroADC", filtered=True),
     Source("body_rate", "main", _axes("gyroUnfilt"), "the gyro before its filters, with all vibration",
            _gyro, label="gyroUnfilt", raw=True),
+    Source("body_rate", "main", _DEBUG[:3], "the gyro before its filters, with all vibration", _debug_gyro,
+           label="debug[0..2]", raw=True),
     Source("body_rate_setpoint", "main", _axes("setpoint"), "the rate controller's set-point", _set_points,
            label="setpoint"),
     Source("body_rate_setpoint", "main", _axes(STICK), "what the sticks ask for", _by_sticks,
