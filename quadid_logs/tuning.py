@@ -115,7 +115,7 @@ def recommend(
         case, model = _case(result, axis, tunable, parameters)
         otherwise = OffNominal(point, tuple(conditions(point, ranges)), by_drag=axis == "yaw")
         known[axis] = Axis(case, model, partial(_rebuilt, result, parameters, axis), otherwise)
-    # The delay of a notch that nobody knows is in the vehicle's: behind other filters it would be another one.
+    # A notch that nobody knows delays the vehicle: behind other filters it would by another time.
     hidden = any(one.case.hides_a_notch for one in known.values())
     wishes = _filter_wishes(result, parameters) if filters and not hidden else None
     tuned = tune_axes(known, limits, apart=apart, filters=wishes)

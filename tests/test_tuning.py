@@ -8,6 +8,7 @@ import math
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -182,6 +183,17 @@ def test_gains_that_anything_holds_below_the_limits_are_not_called_right(
     found = together(detuned(0.4)).axes["roll"]
     assert found.direction == "refuse"
     assert codes_of(found)[:2] == ["QL624", "QL637"]
+
+
+@pytest.mark.parametrize(("told_spare", "least"), [(0.84, 0.5), (0.2, 0.1)])
+def test_a_loop_that_lacks_some_degrees_is_not_lowered_at_any_price(told_spare: float, least: float) -> None:
+    """A fifth of the gains, and twenty times the error, for seven degrees; near instability nothing is dear."""
+    search = SimpleNamespace(common=lambda factor: factor**-2.0)
+    one = SimpleNamespace(_told_spare=told_spare, _separate=lambda: search)
+    tried = np.array([0.1, 0.2, 0.49, 0.5, 1.0, 2.0])
+    factors = recommending._Search._worth_it(one, tried)  # type: ignore[arg-type]
+    assert factors.min() == least
+    assert factors.max() == 2.0
 
 
 def test_the_worst_vehicle_counts_and_not_the_estimate() -> None:

@@ -204,7 +204,7 @@ def _controller(case: Case) -> Iterator[Finding]:
 
 
 def _logged_behind_filters(case: Case) -> bool:
-    """Tell whether the rates passed the loop's filters: a notch that nobody knows delays them like a rotor."""
+    """Tell whether the rates passed the loop's filters: a notch that nobody knows delays them, too."""
     passed = case.data.gyro_filter
     return passed.low_pass_hz > 0.0 or bool(passed.notches or passed.tracked)
 

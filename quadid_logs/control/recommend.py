@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from quadid_logs.arrays import FloatArray
 from quadid_logs.control.filter_design import Changes, design_filters, most_noise
 from quadid_logs.control.filter_findings import filter_findings
 from quadid_logs.control.filter_guard import Refiltered, is_no_worse, is_worth_it, with_flown_filters
@@ -63,8 +64,8 @@ _SAME: Final = (0.95, 1.10)
 _NEAR_BEST: Final = 1.3
 #: Of the limits, what a loop that is close to instability does not keep any more.
 _POOR: Final = min(POOR.gain_db / GOOD.gain_db, POOR.phase_deg / GOOD.phase_deg)
-#: What margins may cost where no common factor reaches them: so many times the attitude error of gusts, or as
-#: slow an attitude, or as little left of the integral.
+#: What margins may cost: so many times the attitude error of gusts, or as slow an attitude, or as little left
+#: of the integral.
 _MOST_COST: Final = 4.0
 #: Factors that are searched, and how far apart the first look at them is.
 _SEARCHED: Final = (0.1, 10.0)
@@ -401,7 +402,8 @@ class _Search:
 
     def target(self) -> Found:
         """Return the factor that the vehicle bears, whatever it flies with now."""
-        factors = np.geomspace(*_SEARCHED, round(np.log(_SEARCHED[1] / _SEARCHED[0]) / np.log(_COARSE)) + 1)
+        n_factors = round(np.log(_SEARCHED[1] / _SEARCHED[0]) / np.log(_COARSE)) + 1
+        factors = self._worth_it(np.geomspace(*_SEARCHED, n_factors))
         # The worst vehicle bears no more than the estimate, which is quick to look at.
         alone = self._loops.spare_alone(factors, self._limits)
         borne = (place for place in reversed(range(len(factors))) if alone[place] >= 1.0)
@@ -417,6 +419,13 @@ class _Search:
             middle = float(np.sqrt(low * high))
             low, high = (middle, high) if self._bears(middle) else (low, middle)
         return self._held(low)
+
+    def _worth_it(self, factors: FloatArray) -> FloatArray:
+        """Return the factors that cost no more than margins are worth; all of a loop close to instability."""
+        search = None if self._told_spare < _POOR else self._separate()
+        if search is None:
+            return factors
+        return np.array([one for one in factors.tolist() if one >= 1.0 or search.common(one) <= _MOST_COST])
 
     def _held(self, factor: float) -> Found:
         """Lower a factor to what noise, the mixer and the documented ranges allow; never below what flies."""

@@ -864,8 +864,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL620",
                 "The phase of a notch is not known",
-                "A notch follows a frequency that neither the parameters nor the log hold, and the body rates "
-                "were logged before it. The phase that it takes is missing in the margins.",
+                "A notch follows a frequency that neither the parameters nor the log hold, and the body "
+                "rates were logged before it. The phase that it takes is missing in the margins.",
                 "Log the body rates behind the filters, or what the notch follows. Or fix the notch at one "
                 "frequency, fly once more, and tune from that flight.",
                 step="set",

@@ -17,7 +17,7 @@ from quadid_logs.align.series import CleanSeries
 from quadid_logs.autopilots.betaflight.airframe import find_airframe
 from quadid_logs.autopilots.betaflight.controller import controllers
 from quadid_logs.autopilots.betaflight.filters import measured_filter, settings_filter
-from quadid_logs.autopilots.betaflight.flown import flown
+from quadid_logs.autopilots.betaflight.flown import flown as mean_flown
 from quadid_logs.autopilots.betaflight.frames import FRAMES, Frame
 from quadid_logs.autopilots.betaflight.log import read
 from quadid_logs.autopilots.betaflight.mixer import before_linearisation, highest_output, mix_factor
@@ -380,7 +380,7 @@ def test_the_gyro_before_its_filters_is_read_from_the_debug_fields_of_one_mode(
     assert [one.source for one in raw] == ["main.debug[0..2]"] * is_gyro
     if is_gyro:
         np.testing.assert_allclose(raw[0].values[:, 0], DEGREE * rate[2:], rtol=1e-6)
-        assert flown(log).gyro_delay_s == pytest.approx(2e-3, rel=0.05)
+        assert mean_flown(log).gyro_delay_s == pytest.approx(2e-3, rel=0.05)
 
 
 def test_low_passes_in_a_row_delay_by_their_sum() -> None:

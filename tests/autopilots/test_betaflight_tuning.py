@@ -197,6 +197,18 @@ def test_a_hover_is_refused_for_what_it_is(
     assert (code in [one.code for one in roll.reasons]) == told
 
 
+@pytest.mark.thorough
+def test_a_flown_axis_that_lacks_seven_degrees_keeps_its_rejection_of_gusts(
+    corpus: Path, analyzed: Analyzed
+) -> None:
+    """It was told to fly with a fifth of P, I and D."""
+    flown = analyzed(corpus / "blackbox" / "bf3-log17.bfl")
+    pitch = recommend(flown, GOOD, ["pitch"]).axes["pitch"]
+    assert pitch.verdict == "change"
+    assert pitch.attitude_error < 1.0
+    assert all(one.target > 0.4 * one.now for one in pitch.gains.values())
+
+
 def test_modes_are_those_of_the_slow_frames() -> None:
     """Armed is bit 0, angle mode bit 1; each holds from the next main frame on."""
     flags = np.array([1, 3, 1], np.int32)
