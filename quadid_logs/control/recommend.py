@@ -80,6 +80,9 @@ _BETTER: Final = 1.1
 #: Standard deviation of the command that gyro noise may make, of its full range: motors stay cool.
 MOST_NOISE: Final = 0.05
 #: Why gains are changed each by itself.
+_AS_TOLD_TITLE: Final = (
+    "Change these gains: as estimated they leave too little margin, and the next ones enough"
+)
 _BETTER_TITLE: Final = "Change these gains: gusts are rejected better, and margins stay above the limits"
 _LACKING_TITLE: Final = "Change these gains: they leave too little margin"
 #: With more of the samples at the mixer's limits, higher gains would only reach them sooner.
@@ -281,6 +284,11 @@ def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bo
         # No gains keep the limits in every condition: those that keep them as the vehicle flies come first.
         search, target = relaxed, relaxed.target()
         separate = search.apart(target) if apart or not target.reached else None
+    told = search.as_told() if apart else None
+    if told is not None and (by_estimate := told.apart(Found(1.0, reached=False))) is not None:
+        # Doubt is no reason to reject gusts much worse than what flies, or than what the estimate takes.
+        if search.cost_of(separate, target) > _NEAR_BEST * max(told.cost_of(by_estimate, target), 1.0):
+            return by_estimate
     if separate is not None:
         return separate
     if target.reached and target.factor > _SAME[1]:
@@ -338,6 +346,24 @@ class _Search:
             return None
         held = self._conditions.no_less_than_flown(self._limits)
         return _Search(self._case, held, self._model, self._rebuild, self._limits, apart=self._apart)
+
+    def as_told(self) -> _Search | None:
+        """Return the search for gains with which the estimate keeps the limits, and no vehicle less than flew.
+
+        None where the flown ones do, or may be close to instability.
+        """
+        if self.is_kept_as_told() or self._flown_spare < _POOR:
+            return None
+        held = self._conditions.as_told(self._limits)
+        return _Search(self._case, held, self._model, self._rebuild, self._limits, apart=self._apart)
+
+    def cost_of(self, separate: AxisTuning | None, common: Found) -> float:
+        """Return the cost of gains that were found each by itself, or of a factor on all, over the flown ones."""
+        best = self.best()
+        if best is None or (separate is None and not common.reached):
+            return float("inf")
+        search, target = best
+        return search.common(common.factor) if separate is None else search.cost(target)
 
     @cached_property
     def too_noisy(self) -> float:
@@ -554,7 +580,7 @@ class _Search:
         factors = {name: rounded(factor, 3) for name, factor in target.items()}
         told = replace(
             _found("QL641", self._case, {"target_factors": factors}),
-            title=_BETTER_TITLE if self.is_kept_as_told() else _LACKING_TITLE,
+            title=self._title(),
         )
         reasons = [told]
         if any(one.next != one.target for one in step.gains.values()):
@@ -562,6 +588,12 @@ class _Search:
         if spare(step.promised, self._limits) < 1.0:
             reasons.extend(filter_note(self._case, self._rebuild, self._loops))
         return self._described("change", tuple(reasons), step)
+
+    def _title(self) -> str:
+        """Return why gains change, each by itself."""
+        if self.is_kept_as_told():
+            return _BETTER_TITLE
+        return _LACKING_TITLE if self._conditions.drawn == 1.0 else _AS_TOLD_TITLE
 
     def with_filters(self, filters: Mapping[str, GainChange], chosen: Changes) -> Refiltered | None:
         """Return the step towards the best gains behind other filters, None where none keeps the limits."""

@@ -359,12 +359,14 @@ class Kept(NamedTuple):
 class HeldLoops(NamedTuple):
     """Loops that keep the limits: of the vehicles that the next flight allows, and as these may be otherwise.
 
-    ``part`` of the limits is required in the other conditions: all of them, or what flew.
+    ``part`` of the limits is required in the other conditions: all of them, or what flew. ``drawn`` is that of
+    the drawn vehicles as they fly; the estimate keeps all.
     """
 
     loops: ScaledLoops
     otherwise: tuple[ScaledLoops, ...] = ()
     part: float = 1.0
+    drawn: float = 1.0
 
     def kept(self, limits: Limits, factor: float = 1.0) -> Kept:
         """Return how much of what is required is kept, with P, I and D times a factor.
@@ -379,7 +381,14 @@ class HeldLoops(NamedTuple):
         Kept
         """
         otherwise = (spare(one.margins(factor), limits) / self.part for one in self.otherwise)
-        return Kept(spare(self.loops.margins(factor), limits), min(otherwise, default=np.inf))
+        as_flown = spare(self.loops.margins(factor), limits) / self.drawn
+        if self.drawn < 1.0:
+            as_flown = min(as_flown, spare(self._estimate().margins(factor), limits))
+        return Kept(as_flown, min(otherwise, default=np.inf))
+
+    def _estimate(self) -> ScaledLoops:
+        """Return the loop around the estimate alone, without what nobody measured."""
+        return self.loops.first(1)._replace(known_hz=np.inf)
 
     def keep(self, limits: Limits, enough: Kept, factor: float = 1.0) -> bool:
         """Tell whether enough is kept, with P, I and D times a factor.
@@ -394,10 +403,8 @@ class HeldLoops(NamedTuple):
         -------
         bool
         """
-        several = (self.loops, *self.otherwise)
-        return all(
-            one.keep(limits, least, factor) for one, least in zip(several, self._least(enough), strict=True)
-        )
+        several, leasts = self._required(enough)
+        return all(one.keep(limits, least, factor) for one, least in zip(several, leasts, strict=True))
 
     def keep_with(
         self, controller: AxisController, limits: Limits, enough: Kept, promised: LoopMargins | None = None
@@ -416,7 +423,7 @@ class HeldLoops(NamedTuple):
         -------
         bool
         """
-        several, leasts = (self.loops, *self.otherwise), self._least(enough)
+        several, leasts = self._required(enough)
         if promised is not None:
             if spare(promised, limits) < leasts[0]:
                 return False
@@ -425,10 +432,12 @@ class HeldLoops(NamedTuple):
         loops = _each_of(several, controller)
         return all(one.keep(limits, least) for one, least in zip(loops, leasts, strict=True))
 
-    def _least(self, enough: Kept) -> list[float]:
-        """Return how much of the limits is enough for each of the loops."""
+    def _required(self, enough: Kept) -> tuple[list[ScaledLoops], list[float]]:
+        """Return all loops, and how much of the limits is enough for each."""
         as_flown, otherwise = enough.enough
-        return [as_flown, *(self.part * otherwise for _ in self.otherwise)]
+        told = {} if self.drawn == 1.0 else {as_flown: self._estimate()}
+        several = [self.loops, *told.values(), *self.otherwise]
+        return several, [self.drawn * as_flown, *told, *(self.part * otherwise for _ in self.otherwise)]
 
     def first(self, n_plants: int) -> HeldLoops:
         """Return the loops around the first of the vehicles."""
@@ -440,6 +449,11 @@ class HeldLoops(NamedTuple):
         """Return the loops of which no more is required in the other conditions than they kept as flown."""
         part = min(self._replace(part=1.0).kept(limits).otherwise, 1.0)
         return self._replace(part=part) if part > 0.0 else self._replace(otherwise=())
+
+    def as_told(self, limits: Limits) -> HeldLoops:
+        """Return the loops of which the estimate keeps the limits, and the drawn ones what they flew with."""
+        drawn = min(self._replace(drawn=1.0).kept(limits).as_flown, 1.0)
+        return self.no_less_than_flown(limits)._replace(drawn=drawn)
 
 
 def spare_of(figures: LoopFigures, limits: Limits) -> FloatArray:

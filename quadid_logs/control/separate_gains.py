@@ -286,11 +286,15 @@ class SeparateGains:
         later = unmodelled(loops.frequency_hz, loops.known_hz)
         bodies = [one.body for one in (self._few, *self._few_held.otherwise)]
         self._bodies = np.stack([either for body in bodies for either in (body, body * later)])
-        #: Part of the limits that each of them is to keep.
-        self._part = np.where(np.arange(len(self._bodies)) < _AS_FLOWN, 1.0, held.part)
+        #: Part of the limits that each of them is to keep, (n_bodies, n_plants).
+        self._part = np.full(self._bodies.shape[:2], held.part)
+        self._part[:_AS_FLOWN] = held.drawn
+        self._part[0, 0] = 1.0
         #: Of these, (n_bodies, n_plants): the estimate and those that are the worst in what limits the gains.
         self._decisive = np.zeros(self._bodies.shape[:2], dtype=np.bool_)
         self._decisive[1, 0] = True
+        # Where drawn vehicles are to keep less, the estimate decides by itself.
+        self._decisive[0, 0] = held.drawn < 1.0
         self._latest: tuple[BoolArray, tuple[ComplexArray, FloatArray, FloatArray]] | None = None
         self._highest = _BOUNDS[1]
         self._noise = _Noise(disturbed, loops)
@@ -566,7 +570,7 @@ class SeparateGains:
         A search asks for the same ones hundreds of times.
         """
         if self._latest is None or not np.array_equal(self._latest[0], which):
-            part = np.broadcast_to(self._part[:, np.newaxis], which.shape)[which]
+            part = self._part[which]
             damping = np.broadcast_to(self._few.plants.damping, which.shape)[which]
             self._latest = which.copy(), (self._bodies[which], part, damping)
         return self._latest[1]
