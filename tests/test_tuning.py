@@ -187,13 +187,41 @@ def test_gains_that_anything_holds_below_the_limits_are_not_called_right(
 
 @pytest.mark.parametrize(("told_spare", "least"), [(0.84, 0.5), (0.2, 0.1)])
 def test_a_loop_that_lacks_some_degrees_is_not_lowered_at_any_price(told_spare: float, least: float) -> None:
-    """A fifth of the gains, and twenty times the error, for seven degrees; near instability nothing is dear."""
+    """A fifth of the gains, and twenty times the error, for seven degrees."""
     search = SimpleNamespace(common=lambda factor: factor**-2.0)
     one = SimpleNamespace(_told_spare=told_spare, _separate=lambda: search)
     tried = np.array([0.1, 0.2, 0.49, 0.5, 1.0, 2.0])
     factors = recommending._Search._worth_it(one, tried)  # type: ignore[arg-type]
     assert factors.min() == least
     assert factors.max() == 2.0
+
+
+def test_doubt_alone_does_not_cost_the_rejection_of_gusts() -> None:
+    """Limits that the worst vehicle keeps in any condition would take 1.6 times the error."""
+    sharp = detuned(3.4)
+    (model, *others) = sharp.identification.models
+    assert model.posterior is not None
+    assert sharp.closed_loop is not None
+    covariance = np.array(model.posterior.covariance)
+    for place, part in ((0, 0.07), (2, 0.1)):
+        covariance[0, place, place] = (part * model.posterior.mean[0, place]) ** 2
+    vague = replace(model, posterior=replace(model.posterior, covariance=covariance))
+    identification = replace(sharp.identification, models=(vague, *others))
+    plants = plants_of(replace(sharp, identification=identification))
+    roll = replace(sharp.closed_loop.axes["roll"], plants=plants)
+    loop = replace(sharp.closed_loop, axes={"roll": roll})
+    doubted = replace(sharp, identification=identification, closed_loop=loop)
+    found = recommend(doubted, GOOD, ["roll"]).axes["roll"]
+    assert found.verdict == "change"
+    assert found.attitude_error < 1.0
+    gains = {name: one.next for name, one in found.changes.items()}
+    following = named("ardupilot").controllers(doubted.log, {**doubted.log.parameters, **gains})
+    assert following is not None
+    estimate = plants.at(slice(0, 1))
+    told = scaled_loops(following.axes["roll"], estimate, np.inf).margins()
+    now = scaled_loops(sharp.closed_loop.controllers.axes["roll"], estimate, np.inf).margins()
+    assert spare(now, GOOD) < 0.95
+    assert spare(told, GOOD) > 0.98
 
 
 def test_the_worst_vehicle_counts_and_not_the_estimate() -> None:

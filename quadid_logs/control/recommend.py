@@ -285,10 +285,11 @@ def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bo
         search, target = relaxed, relaxed.target()
         separate = search.apart(target) if apart or not target.reached else None
     told = search.as_told() if apart else None
-    if told is not None and (by_estimate := told.apart(Found(1.0, reached=False))) is not None:
-        # Doubt is no reason to reject gusts much worse than what flies, or than what the estimate takes.
-        if search.cost_of(separate, target) > _NEAR_BEST * max(told.cost_of(by_estimate, target), 1.0):
-            return by_estimate
+    by_estimate = None if told is None else told.apart(Found(1.0, reached=False))
+    # Doubt is no reason to reject gusts much worse than what flies, or than what the estimate takes.
+    if told is not None and by_estimate is not None:
+        takes = max(told.cost_of(by_estimate, target), 1.0)
+        separate = by_estimate if search.cost_of(separate, target) > _NEAR_BEST * takes else separate
     if separate is not None:
         return separate
     if target.reached and target.factor > _SAME[1]:
@@ -348,7 +349,7 @@ class _Search:
         return _Search(self._case, held, self._model, self._rebuild, self._limits, apart=self._apart)
 
     def as_told(self) -> _Search | None:
-        """Return the search for gains with which the estimate keeps the limits, and no vehicle less than flew.
+        """Return the search for gains with which the estimate keeps the limits, others what they flew with.
 
         None where the flown ones do, or may be close to instability.
         """
@@ -358,7 +359,7 @@ class _Search:
         return _Search(self._case, held, self._model, self._rebuild, self._limits, apart=self._apart)
 
     def cost_of(self, separate: AxisTuning | None, common: Found) -> float:
-        """Return the cost of gains that were found each by itself, or of a factor on all, over the flown ones."""
+        """Return the cost, over the flown gains, of those found each by itself, or of a factor on all."""
         best = self.best()
         if best is None or (separate is None and not common.reached):
             return float("inf")

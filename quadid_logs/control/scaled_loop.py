@@ -359,8 +359,8 @@ class Kept(NamedTuple):
 class HeldLoops(NamedTuple):
     """Loops that keep the limits: of the vehicles that the next flight allows, and as these may be otherwise.
 
-    ``part`` of the limits is required in the other conditions: all of them, or what flew. ``drawn`` is that of
-    the drawn vehicles as they fly; the estimate keeps all.
+    ``part`` of the limits is required in the other conditions: all of them, or what flew. ``drawn`` is that
+    of the drawn vehicles as they fly; the estimate keeps all.
     """
 
     loops: ScaledLoops
