@@ -243,6 +243,15 @@ def test_the_loop_of_a_refused_model_is_not_called_unstable() -> None:
     assert "QL625" not in codes
 
 
+def test_the_loop_of_a_controller_that_did_not_fly_is_not_called_unstable() -> None:
+    """Beside "does not reproduce the logged output" stood "There is no stable loop to start from"."""
+    other = Replay(relative_rms={}, agrees=False, reason=ReplayReason.NOT_EXPLAINED)
+    differing = on_loop(margins=None, replay=other)(flown("ardupilot"))
+    codes = [one.code for one in recommend(differing, GOOD, ["roll"]).axes["roll"].reasons]
+    assert "QL612" in codes
+    assert "QL625" not in codes
+
+
 def test_a_controller_is_known_by_its_parameters_where_no_model_was_found() -> None:
     """A flight that was logged too slowly was told to log its parameters, which it did."""
     without = judged("refused", "QL303")(flown("ardupilot"))

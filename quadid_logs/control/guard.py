@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.control.closed_loop import disagrees
 from quadid_logs.data.catalogue import CATALOGUE, CAVEATS
 from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.controller import AxisController, FlownControllers, RemarkKind, ReplayReason
@@ -261,8 +262,8 @@ def _loop(case: Case) -> Iterator[Finding]:
         yield _refusal("QL614", case, {"known_to_hz": rounded(case.found.known_hz)})
     margins = case.found.margins
     if margins is None or case.plants is None:
-        # Around a refused model no loop is closed, and QL615 has said so.
-        if not _is_refused(case):
+        # None is closed around a refused model, nor with a controller that did not fly: QL615, QL612 say so.
+        if not (_is_refused(case) or disagrees(case.found.replay)):
             yield _refusal("QL625", case, {})
     elif not all(one.stable for one in (margins.rate, margins.full) if one is not None):
         yield _refusal("QL625", case, {"stable": False})
