@@ -241,8 +241,8 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str, part: f
     Returns
     -------
     ReplayedTerms
-        I and feed-forward are zero: they stand in ``added``, as logged. Where D moves between two gains and the
-        log holds it, D is the logged one as far as it lies between what both gains make.
+        I and feed-forward are zero: they stand in ``added``, as logged. Where D moves between two gains, D is
+        the logged one as far as it lies between what both gains make.
     """
     gains, factor = rate_gains(parameters, axis), attenuation(parameters, _throttle(rows))
     error = (rows.target - rows.rate) * (factor if attenuates_p(parameters) else 1.0)
