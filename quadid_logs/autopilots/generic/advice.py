@@ -101,6 +101,17 @@ class Advice:
 
     not_set_by_hand: ClassVar[tuple[str, ...]] = ()
 
+    def remedy(self, code: str, version: Version | None) -> str:  # noqa: ARG002
+        """Return what to do about a finding on this autopilot, in a version of it; "" for the catalogue's advice.
+
+        Parameters
+        ----------
+        code : str
+        version : tuple of int or None
+            Of the firmware; None where the log does not say.
+        """
+        return self.remedies.get(code, "")
+
     def logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to set so that rates and torque are logged at the loop rate.
 
