@@ -77,7 +77,8 @@ def diagnose(
         *find_in_given_inertia(data, identification, vehicle),
         *find_in_weight(data, vehicle),
     ]
-    findings = sorted(remedied(found, log.autopilot, log.version), key=lambda finding: _SEVERITY[finding.level])
+    told = remedied(found, log.autopilot, log.version)
+    findings = sorted(told, key=lambda finding: _SEVERITY[finding.level])
     return Diagnosis(
         findings=tuple(findings),
         axes={axis: _verdict(axis, findings) for axis in AXES},
