@@ -102,7 +102,7 @@ class Advice:
     not_set_by_hand: ClassVar[tuple[str, ...]] = ()
 
     def remedy(self, code: str, version: Version | None) -> str:  # noqa: ARG002
-        """Return what to do about a finding on this autopilot, in a version of it; "" for the catalogue's advice.
+        """Return what to do about a finding, in a version of this autopilot; "" for the catalogue's advice.
 
         Parameters
         ----------
