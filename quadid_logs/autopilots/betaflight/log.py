@@ -152,7 +152,7 @@ def _refuse_others(path: str | Path, dialect: Dialect, texts: Mapping[str, str])
             hint="If the file was cut off, fetch it again from the vehicle. Otherwise export it to a table "
             "in SI units.",
         )
-    hint = _OTHERS.get(name, "Its fields may have other scales and signs: export them to a table in SI units.")
+    hint = _OTHERS.get(name, "Its fields may have other scales and signs: export a table in SI units.")
     if name in _KNOWN:
         hint = "The first log of the file is of other firmware: split the file."
     raise UnknownFormatError(f"{path} is a Blackbox log of {name}, not of {dialect.name}.", hint=hint)
