@@ -103,8 +103,8 @@ class BetaflightAdvice(Advice):
             if version >= _UNFILTERED_SINCE:
                 return "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters."
             return (
-                "Update the firmware to 4.5 or later, and leave the unfiltered gyro among the logged fields: it "
-                "shows the delay of all filters."
+                "Update the firmware to 4.5 or later, and leave the unfiltered gyro among the logged fields: "
+                "it shows the delay of all filters."
             )
         if version is not None and code == "QL644":
             if version >= _HIGH_RESOLUTION_SINCE:
