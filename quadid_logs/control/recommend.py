@@ -152,9 +152,7 @@ def tune_axes(
     tuned = {axis: _with_source(axes[axis].case, one) for axis, one in tuned.items()}
     logs = {axis: one.case.log for axis, one in axes.items()}
     return {
-        axis: replace(
-            found, reasons=tuple(remedied(found.reasons, logs[axis].autopilot, logs[axis].version))
-        )
+        axis: replace(found, reasons=tuple(remedied(found.reasons, logs[axis].autopilot, logs[axis].version)))
         for axis, found in tuned.items()
     }
 
