@@ -11,6 +11,8 @@ from quadid_logs.autopilots.betaflight.chirp import SWEEP_SETTINGS
 from quadid_logs.autopilots.betaflight.law import OLDEST_LAW, loop_period_us
 from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
 from quadid_logs.data.log import whole_number
+from quadid_logs.sentences import listed
+from quadid_logs.vocabulary import AXES
 
 #: The chirp flight mode is in builds since then, where it was chosen (USE_CHIRP).
 _CHIRP_SINCE: Final[Version] = (2025, 12)
@@ -111,6 +113,20 @@ class BetaflightAdvice(Advice):
                 return "Set blackbox_high_resolution = ON."
             return "Update the firmware to 4.4 or later, and set blackbox_high_resolution = ON."
         return super().remedy(code, version)
+
+    def step_note(self, parameters: Mapping[str, float]) -> str:
+        """Name what acts while a stick moves, and is in no loop."""
+        at_work = {
+            "feed-forward": any(parameters.get(f"f_{axis}", 0.0) > 0.0 for axis in AXES),
+            "iterm relax": parameters.get("iterm_relax", 0.0) > 0.0,
+        }
+        named = [name for name, works in at_work.items() if works]
+        if not named:
+            return ""
+        return (
+            f"Computed for sticks at rest, without {listed(named)}: in flight the answer to a stick differs. The "
+            "report of `quadid-log analyze` shows the measured one."
+        )
 
     def _logging(
         self,

@@ -112,6 +112,16 @@ class Advice:
         """
         return self.remedies.get(code, "")
 
+    def step_note(self, parameters: Mapping[str, float]) -> str:  # noqa: ARG002
+        """Say what a computed step response leaves out of what the firmware does; "" for nothing.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            Of the log.
+        """
+        return ""
+
     def logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to set so that rates and torque are logged at the loop rate.
 
