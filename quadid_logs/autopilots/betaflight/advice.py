@@ -124,8 +124,8 @@ class BetaflightAdvice(Advice):
         if not named:
             return ""
         return (
-            f"Computed for sticks at rest, without {listed(named)}: in flight the answer to a stick differs. The "
-            "report of `quadid-log analyze` shows the measured one."
+            f"Computed for sticks at rest, without {listed(named)}: in flight the answer to a stick differs. "
+            "The report of `quadid-log analyze` shows the measured one."
         )
 
     def _logging(
