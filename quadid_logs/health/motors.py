@@ -186,7 +186,8 @@ def _sentence(
     if at_high is None or headroom is None:
         return told
     if at_high.value > 0.0:
-        most = f", more than the normal {100.0 * _MOST_AT_HIGH:.0f} %" if at_high.value > _MOST_AT_HIGH else ""
+        judged = f", more than the normal {100.0 * _MOST_AT_HIGH:.0f} %"
+        most = judged if at_high.value > _MOST_AT_HIGH else ""
         share = number(100.0 * at_high.value, 2)
         return f"{told} A motor is at its upper limit in {share} % of the flight{most}."
     return f"{told} In 99 % of the flight at least {100.0 * headroom.value:.0f} % of the range is in reserve."
