@@ -142,7 +142,9 @@ def _told(sources: Sequence[SourceChoice]) -> str:
 
 def _rate_words(source: SourceChoice) -> str:
     """Say at which rate a source was logged; a few rows, or pauses alone, have none."""
-    return f"at {number(source.rate_hz, 3)} Hz" if source.rate_hz else f"in {source.n_samples} rows of no rate"
+    if not source.rate_hz:
+        return f"in {source.n_samples} rows of no rate"
+    return f"at {number(source.rate_hz, 3)} Hz"
 
 
 _SPOKEN = {"body_rate": "the body rate", "torque_command": "the torque", "torque_n_m": "the torque"}
