@@ -100,17 +100,14 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
         )
     if match.likeness < _TOLD and reference.base.rate_hz < _LEAST_HZ:
         return RotorSpeed(
-            verdict=f"{signal.source}: not used, commands at {number(reference.base.rate_hz, 3)} Hz do not tell "
-            f"their scale (correlation {match.likeness:.2f})"
+            verdict=f"{signal.source}: not used, commands at {number(reference.base.rate_hz, 3)} Hz do not "
+            f"tell their scale (correlation {match.likeness:.2f})"
         )
     rates_hz = (reference.base.rate_hz, *(each.rate_hz for each in log.sources("torque_command")))
     needed_hz = max(_MOST_LOST * min(max(rates_hz), _FAST_HZ), _LEAST_HZ)
     fast = signal.rate_hz >= needed_hz
-    use = (
-        ""
-        if fast
-        else f"; {number(signal.rate_hz, 3)} Hz are too slow for the input, {number(needed_hz, 3)} Hz are needed"
-    )
+    flown, needed = (number(each, 3) for each in (signal.rate_hz, needed_hz))
+    use = "" if fast else f"; {flown} Hz are too slow for the input, {needed} Hz are needed"
     return RotorSpeed(
         verdict=f"{signal.source}: follows the commanded thrust (correlation {match.likeness:.3f}){use}",
         series=_of_speed(signal, speed, up, airframe, _Commanded.of(reference, match)),

@@ -82,8 +82,8 @@ def _no_torque(data: FlightData, advice: str) -> Finding:
         return finding("QL302", "error", evidence, advice=advice)
     evidence |= {"motor_outputs": outputs.source, "motor_outputs_hz": round(outputs.rate_hz, 2)}
     title = (
-        f"Motor outputs were logged at {number(outputs.rate_hz, 3)} Hz, but no torque command, and none can be "
-        "rebuilt from them"
+        f"Motor outputs were logged at {number(outputs.rate_hz, 3)} Hz, but no torque command, and none can "
+        "be rebuilt from them"
     )
     return finding("QL302", "error", evidence, advice=advice, title=title)
 
