@@ -183,9 +183,12 @@ def _controller(case: Case) -> Iterator[Finding]:
     mine = [one for one in remarks if one.axis in ("", case.axis)]
     if case.controller is None:
         missing = [name for one in mine for name in one.values if one.axis]
-        log = case.log
-        too_old = advice_for(log.autopilot).controller_note(log.version)
-        yield _refusal("QL611", case, {"parameters": missing[:8]}, advice=too_old)
+        log, advice = case.log, advice_for(case.log.autopilot)
+        todo = advice.controller_note(log.version)
+        if not todo and log.format == "tlog" and not any(one in log.parameters for one in case.names.scaled):
+            # The ground station was not sent them: the log on the card holds them all.
+            todo = advice.logging(log.format, log.parameters, log.version)
+        yield _refusal("QL611", case, {"parameters": missing[:8]}, advice=todo)
     for one in mine:
         if one.kind is RemarkKind.NOTCH_UNKNOWN:
             yield _refusal("QL620", case, dict(one.values))
