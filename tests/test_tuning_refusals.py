@@ -255,7 +255,8 @@ def test_the_loop_of_a_controller_that_did_not_fly_is_not_called_unstable() -> N
 def test_telemetry_without_parameters_is_sent_to_the_card_and_not_to_another_controller() -> None:
     """ "Log all parameters, and fly with the standard rate controller": it had flown with it."""
     result = flown("ardupilot")
-    bare = replace(result, log=replace(result.log, format="tlog", parameters={"BARO_ALT_OFFSET": 0.0}), closed_loop=None)
+    telemetry = replace(result.log, format="tlog", parameters={"BARO_ALT_OFFSET": 0.0})
+    bare = replace(result, log=telemetry, closed_loop=None)
     reasons = recommend(bare, GOOD, ["roll"]).axes["roll"].reasons
     (one,) = (each for each in reasons if each.code == "QL611")
     assert one.advice.startswith("A telemetry log is too slow for this: use the log on the vehicle's card.")
