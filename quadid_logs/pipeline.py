@@ -210,7 +210,8 @@ def judge(
     closed_loop = None if pooled else _closed_loop(log, data, identification, diagnosis, settings, loop)
     if closed_loop is not None:
         outer = find_in_outer(closed_loop.outer, log.position_control)
-        diagnosis = with_findings(diagnosis, [*find_in_loop(closed_loop), *outer], log.autopilot)
+        later = [*find_in_loop(closed_loop), *outer]
+        diagnosis = with_findings(diagnosis, later, log.autopilot, log.version)
     timings = {**timings_s, "identify": identified - began, "control": time.perf_counter() - identified}
     return Result(
         log=log,

@@ -592,6 +592,15 @@ def test_the_page_says_what_changes_and_by_which_sign_to_land(raised: Tuning) ->
     assert "Then load back.param." in page
 
 
+def test_the_page_says_what_its_step_leaves_out(raised: Tuning) -> None:
+    """Betaflight's iterm relax holds the integral that makes the overshoot of the picture."""
+    result = flown("ardupilot")
+    relaxed = {**result.log.parameters, "iterm_relax": 1.0}
+    betaflight = replace(result, log=replace(result.log, autopilot="betaflight", parameters=relaxed))
+    assert "for sticks at rest" in tune_page(betaflight, raised, NOWHERE)
+    assert "for sticks at rest" not in tune_page(result, raised, NOWHERE)
+
+
 def test_the_page_shows_flown_gains_to_four_digits(raised: Tuning) -> None:
     """The file that goes back has all of them."""
     found = raised.axes["roll"]

@@ -250,6 +250,25 @@ def test_the_loop_of_a_refused_model_is_not_called_unstable() -> None:
     assert "QL625" not in codes
 
 
+def test_the_loop_of_a_controller_that_did_not_fly_is_not_called_unstable() -> None:
+    """Beside "does not reproduce the logged output" stood "There is no stable loop to start from"."""
+    other = Replay(relative_rms={}, agrees=False, reason=ReplayReason.NOT_EXPLAINED)
+    differing = on_loop(margins=None, replay=other)(flown("ardupilot"))
+    codes = [one.code for one in recommend(differing, GOOD, ["roll"]).axes["roll"].reasons]
+    assert "QL612" in codes
+    assert "QL625" not in codes
+
+
+def test_telemetry_without_parameters_is_sent_to_the_card_and_not_to_another_controller() -> None:
+    """ "Log all parameters, and fly with the standard rate controller": it had flown with it."""
+    result = flown("ardupilot")
+    telemetry = replace(result.log, format="tlog", parameters={"BARO_ALT_OFFSET": 0.0})
+    bare = replace(result, log=telemetry, closed_loop=None)
+    reasons = recommend(bare, GOOD, ["roll"]).axes["roll"].reasons
+    (one,) = (each for each in reasons if each.code == "QL611")
+    assert one.advice.startswith("A telemetry log is too slow for this: use the log on the vehicle's card.")
+
+
 def test_a_controller_is_known_by_its_parameters_where_no_model_was_found() -> None:
     """A flight that was logged too slowly was told to log its parameters, which it did."""
     without = judged("refused", "QL303")(flown("ardupilot"))

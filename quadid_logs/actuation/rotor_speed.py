@@ -14,6 +14,7 @@ from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.maths.recurrence import lag
 from quadid_logs.maths.thrust_curve import mean_while_moved, slope_at
+from quadid_logs.numerals import number
 
 #: Speeds that a rotor in flight cannot fall below or exceed [rad/s]; 100 and 100 000 rpm.
 _SPEEDS: Final = (10.0, 10_500.0)
@@ -99,15 +100,14 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
         )
     if match.likeness < _TOLD and reference.base.rate_hz < _LEAST_HZ:
         return RotorSpeed(
-            verdict=f"{signal.source}: not used, commands at {reference.base.rate_hz:.3g} Hz do not tell "
-            f"their scale (correlation {match.likeness:.2f})"
+            verdict=f"{signal.source}: not used, commands at {number(reference.base.rate_hz, 3)} Hz do not "
+            f"tell their scale (correlation {match.likeness:.2f})"
         )
     rates_hz = (reference.base.rate_hz, *(each.rate_hz for each in log.sources("torque_command")))
     needed_hz = max(_MOST_LOST * min(max(rates_hz), _FAST_HZ), _LEAST_HZ)
     fast = signal.rate_hz >= needed_hz
-    use = (
-        "" if fast else f"; {signal.rate_hz:.3g} Hz are too slow for the input, {needed_hz:.3g} Hz are needed"
-    )
+    flown, needed = (number(each, 3) for each in (signal.rate_hz, needed_hz))
+    use = "" if fast else f"; {flown} Hz are too slow for the input, {needed} Hz are needed"
     return RotorSpeed(
         verdict=f"{signal.source}: follows the commanded thrust (correlation {match.likeness:.3f}){use}",
         series=_of_speed(signal, speed, up, airframe, _Commanded.of(reference, match)),

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.control.closed_loop import disagrees
 from quadid_logs.data.catalogue import CATALOGUE, CAVEATS
 from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.controller import AxisController, FlownControllers, RemarkKind, ReplayReason
@@ -188,9 +189,12 @@ def _controller(case: Case) -> Iterator[Finding]:
     mine = [one for one in remarks if one.axis in ("", case.axis)]
     if case.controller is None:
         missing = [name for one in mine for name in one.values if one.axis]
-        log = case.log
-        too_old = advice_for(log.autopilot).controller_note(log.version)
-        yield _refusal("QL611", case, {"parameters": missing[:8]}, advice=too_old)
+        log, advice = case.log, advice_for(case.log.autopilot)
+        todo = advice.controller_note(log.version)
+        if not todo and log.format == "tlog" and not any(one in log.parameters for one in case.names.scaled):
+            # The ground station was not sent them: the log on the card holds them all.
+            todo = advice.logging(log.format, log.parameters, log.version)
+        yield _refusal("QL611", case, {"parameters": missing[:8]}, advice=todo)
     for one in mine:
         if one.kind is RemarkKind.NOTCH_UNKNOWN and not _logged_behind_filters(case):
             yield _refusal("QL620", case, dict(one.values))
@@ -273,8 +277,8 @@ def _loop(case: Case) -> Iterator[Finding]:
         yield _refusal("QL614", case, {"known_to_hz": rounded(case.found.known_hz)})
     margins = case.found.margins
     if margins is None or case.plants is None:
-        # Around a refused model no loop is closed, and QL615 has said so.
-        if not _is_refused(case):
+        # None is closed around a refused model, nor with a controller that did not fly: QL615, QL612 say so.
+        if not (_is_refused(case) or disagrees(case.found.replay)):
             yield _refusal("QL625", case, {})
     elif not all(one.stable for one in (margins.rate, margins.full) if one is not None):
         yield _refusal("QL625", case, {"stable": False})

@@ -154,8 +154,9 @@ def tune_axes(
         tuned = {axis: changed.get(axis) or with_flown_filters(axis, one) for axis, one in tuned.items()}
     tuned = {axis: _with_off_nominal(axes[axis], one, limits) for axis, one in tuned.items()}
     tuned = {axis: _with_source(axes[axis].case, one) for axis, one in tuned.items()}
+    logs = {axis: one.case.log for axis, one in axes.items()}
     return {
-        axis: replace(found, reasons=tuple(remedied(found.reasons, axes[axis].case.log.autopilot)))
+        axis: replace(found, reasons=tuple(remedied(found.reasons, logs[axis].autopilot, logs[axis].version)))
         for axis, found in tuned.items()
     }
 

@@ -77,14 +77,17 @@ def diagnose(
         *find_in_given_inertia(data, identification, vehicle),
         *find_in_weight(data, vehicle),
     ]
-    findings = sorted(remedied(found, log.autopilot), key=lambda finding: _SEVERITY[finding.level])
+    told = remedied(found, log.autopilot, log.version)
+    findings = sorted(told, key=lambda finding: _SEVERITY[finding.level])
     return Diagnosis(
         findings=tuple(findings),
         axes={axis: _verdict(axis, findings) for axis in AXES},
     )
 
 
-def with_findings(diagnosis: Diagnosis, found: Iterable[Finding], autopilot: str) -> Diagnosis:
+def with_findings(
+    diagnosis: Diagnosis, found: Iterable[Finding], autopilot: str, version: tuple[int, ...] | None = None
+) -> Diagnosis:
     """Add what a later stage found.
 
     Parameters
@@ -93,18 +96,22 @@ def with_findings(diagnosis: Diagnosis, found: Iterable[Finding], autopilot: str
     found : iterable of Finding
     autopilot : str
         As in `FlightLog.autopilot`.
+    version : tuple of int or None
+        Of the firmware.
 
     Returns
     -------
     Diagnosis
         With the verdicts anew.
     """
-    every = [*diagnosis.findings, *remedied(found, autopilot)]
+    every = [*diagnosis.findings, *remedied(found, autopilot, version)]
     findings = sorted(every, key=lambda finding: _SEVERITY[finding.level])
     return Diagnosis(findings=tuple(findings), axes={axis: _verdict(axis, findings) for axis in AXES})
 
 
-def remedied(findings: Iterable[Finding], autopilot: str) -> Iterator[Finding]:
+def remedied(
+    findings: Iterable[Finding], autopilot: str, version: tuple[int, ...] | None = None
+) -> Iterator[Finding]:
     """Put what to do on this autopilot in the place of the catalogue's advice.
 
     Parameters
@@ -112,14 +119,16 @@ def remedied(findings: Iterable[Finding], autopilot: str) -> Iterator[Finding]:
     findings : iterable of Finding
     autopilot : str
         As in `FlightLog.autopilot`.
+    version : tuple of int or None
+        Of the firmware.
 
     Yields
     ------
     Finding
     """
-    remedies = advice_for(autopilot).remedies
+    advice = advice_for(autopilot)
     for finding in findings:
-        yield replace(finding, advice=remedies.get(finding.code, finding.advice))
+        yield replace(finding, advice=advice.remedy(finding.code, version) or finding.advice)
 
 
 def _verdict(axis: str, findings: list[Finding]) -> AxisVerdict:

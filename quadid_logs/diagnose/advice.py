@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from quadid_logs.data.log import FlightLog
 
 _TOO_SHORT: Final = "QL402"
+_NO_MULTIROTOR: Final = "QL201"
 
 
 def advice_for(autopilot: str) -> Advice:
@@ -76,7 +77,7 @@ def next_steps(
     tuple of str
         As the findings say it; it may quote the log.
     """
-    listed = list(found)
+    listed = _of_multirotors(list(found))
     grave = [each for level in ("error", "warning") for each in listed if each[1].level == level]
     to_fly = _to_be_flown(grave, again)
     errors = [each for each in grave if each[1].level == "error"]
@@ -87,6 +88,12 @@ def next_steps(
         *_advice_of(_without_manoeuvre(_of_axes_to_be_used(grave), to_fly), "other"),
     )
     return tuple(dict.fromkeys(filter(None, texts)))
+
+
+def _of_multirotors(found: Sequence[tuple[FlightLog, Finding]]) -> list[tuple[FlightLog, Finding]]:
+    """Leave out what else is said of a log of another kind of vehicle."""
+    others = {id(log) for log, one in found if one.code == _NO_MULTIROTOR}
+    return [(log, one) for log, one in found if one.code == _NO_MULTIROTOR or id(log) not in others]
 
 
 def _of_long_flights(errors: Sequence[tuple[FlightLog, Finding]]) -> list[tuple[FlightLog, Finding]]:

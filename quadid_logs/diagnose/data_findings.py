@@ -14,6 +14,7 @@ from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.diagnose.torque_findings import not_in_newton_metres
 from quadid_logs.identify import MIN_RATE_HZ
+from quadid_logs.numerals import number
 from quadid_logs.vocabulary import AXES
 
 #: A signal that is this much slower on average than between typical samples is not what it seems.
@@ -81,8 +82,8 @@ def _no_torque(data: FlightData, advice: str) -> Finding:
         return finding("QL302", "error", evidence, advice=advice)
     evidence |= {"motor_outputs": outputs.source, "motor_outputs_hz": round(outputs.rate_hz, 2)}
     title = (
-        f"Motor outputs were logged at {outputs.rate_hz:.3g} Hz, but no torque command, and none can be "
-        "rebuilt from them"
+        f"Motor outputs were logged at {number(outputs.rate_hz, 3)} Hz, but no torque command, and none can "
+        "be rebuilt from them"
     )
     return finding("QL302", "error", evidence, advice=advice, title=title)
 
@@ -141,7 +142,9 @@ def _told(sources: Sequence[SourceChoice]) -> str:
 
 def _rate_words(source: SourceChoice) -> str:
     """Say at which rate a source was logged; a few rows, or pauses alone, have none."""
-    return f"at {source.rate_hz:.3g} Hz" if source.rate_hz else f"in {source.n_samples} rows of no rate"
+    if not source.rate_hz:
+        return f"in {source.n_samples} rows of no rate"
+    return f"at {number(source.rate_hz, 3)} Hz"
 
 
 _SPOKEN = {"body_rate": "the body rate", "torque_command": "the torque", "torque_n_m": "the torque"}

@@ -27,6 +27,10 @@ _STEEPEST_RAD = np.radians(91.0)
 _MOST_TOO_STEEP = 0.01
 #: Turning by this much about an axis moves any angle that is measured [rad/s rms].
 _TURNS_RAD_S = np.radians(2.0)
+#: Fewer rates than two in an interval do not show what the vehicle does within it.
+_LEAST_RATES = 2.0
+#: From one attitude to the next, half a turn to the right is half a turn to the left.
+_MOST_TURN_RAD = np.pi
 #: A few samples may repeat one value.
 _FEWEST_SAMPLES = 20
 
@@ -50,9 +54,29 @@ def find_in_gyro(data: FlightData) -> Iterator[Finding]:
             title = "The attitude's pitch exceeds 90 degrees, which no such angle can"
             yield finding("QL310", "warning", {"fraction_of_samples": rounded(too_steep)}, title=title)
         yield from _stuck(data, attitude)
-    if data.gyro_check is not None:
+    if data.gyro_check is not None and _shows_turning(data, data.gyro_check):
         yield from _scales(data.gyro_check)
         yield from _lag(data.gyro_check)
+
+
+def _shows_turning(data: FlightData, check: GyroCheck) -> bool:
+    """Return whether rates and attitude were logged fast enough to tell how far the vehicle turns.
+
+    Telemetry at 4 Hz shows one rate in a quarter of a second, and a vehicle that spins by more than half a
+    turn from one attitude to the next seems to turn the other way.
+    """
+    rate, attitude, turned = (
+        data.sources.get("body_rate"),
+        data.sources.get("attitude"),
+        data.overview.get("body_rate"),
+    )
+    if rate is None or attitude is None or turned is None:
+        return True
+    if rate.rate_hz * check.length_s < _LEAST_RATES:
+        return False
+    fastest = np.abs(_in_flight(turned, data.flights)).max(axis=1, initial=0.0)
+    too_fast = fastest > _MOST_TURN_RAD * attitude.rate_hz
+    return not too_fast.size or float(np.mean(too_fast)) <= _MOST_TOO_STEEP
 
 
 def _stuck(data: FlightData, attitude: Overview) -> Iterator[Finding]:

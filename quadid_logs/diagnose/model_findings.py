@@ -99,7 +99,7 @@ def find_in_models(log: FlightLog, identification: Identification) -> Iterator[F
 class _Axis(NamedTuple):
     """What is known about one axis of the recommended model.
 
-    ``asked`` is what its commands tell of it.
+    ``asked`` is what its commands tell of it; ``advice`` and ``logging`` say what to fly, and how to log.
     """
 
     name: str
@@ -108,6 +108,7 @@ class _Axis(NamedTuple):
     excitation: Excitation
     on_axis: Parameter
     advice: str
+    logging: str
     enough_motion: str
     response: Response | None
     asked: SpectralFit | None
@@ -154,6 +155,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         excitation=identification.excitation[number],
         on_axis=model.entries[ON_AXIS[AXES[number]]],
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
+        logging=advice_for(log.autopilot).logging(log.format, log.parameters, log.version),
         enough_motion=_enough_motion(log.format),
         response=identification.responses[number] if identification.responses else None,
         asked=next(iter(identification.spectral[number : number + 1]), None),
@@ -440,7 +442,7 @@ def _from_slow_log(axis: _Axis) -> Finding | None:
         evidence,
         axes=(axis.name,),
         title="Yaw was logged too slowly to be confirmed",
-        advice="Log rates and torque faster, as roll and pitch need it, too.",
+        advice=axis.logging,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -72,6 +73,8 @@ _FLIGHTS_DIFFER = 0.03
 #: Probability by chance at which flights are not of one effectiveness.
 _FLIGHTS_SEEN = 1e-4
 
+#: That rotors do not respond with one lag.
+_LAG: Final = "QL527"
 _CODES: Final[dict[Effect, str]] = {
     "threshold": "QL523",
     "rotor threshold": "QL523",
@@ -79,8 +82,8 @@ _CODES: Final[dict[Effect, str]] = {
     "mode": "QL525",
     "tilt": "QL526",
     "swing": "QL526",
-    "second lag": "QL527",
-    "asymmetry": "QL527",
+    "second lag": _LAG,
+    "asymmetry": _LAG,
     "varying gain": "QL528",
 }
 #: What acts below the loop's frequencies and in proportion: a response to commands that knows its lag and
@@ -112,6 +115,14 @@ def find_in_structure(data: FlightData, identification: Identification) -> Itera
     ------
     Finding
     """
+    rotors_told = bool(data.segments) and all(one.rotor_thrust is not None for one in data.segments)
+    for one in _found(data, identification):
+        # What the motors were sent is in the log, and which rotor each of them is: there is nothing to do.
+        nothing_missing = rotors_told and one.code == _LAG and one.level != "error"
+        yield replace(one, advice="") if nothing_missing else one
+
+
+def _found(data: FlightData, identification: Identification) -> Iterator[Finding]:
     yield from _rates(data)
     model = identification.recommended
     if model is None:

@@ -16,6 +16,7 @@ from quadid_logs.figures.spec import Axis, Curve, Figure, Heat, LeftOut, Level, 
 from quadid_logs.figures.thinning import BUCKETS, CARRIED, break_at_gaps, thin_line
 from quadid_logs.figures.time_series import TIME
 from quadid_logs.maths.band import gyro_response
+from quadid_logs.numerals import number
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
@@ -217,8 +218,8 @@ def _step_panel(axis: str, steps: AxisSteps) -> Panel:
 def _filter_words(known: GyroFilter) -> str:
     """Name the filters, "" where none is known."""
     low_pass_hz, notches = known.low_pass_hz, known.notches
-    parts = [f"low-pass of {low_pass_hz:.3g} Hz"] if np.isfinite(low_pass_hz) else []
-    parts += [f"notch at {notch.frequency_hz:.3g} Hz" for notch in notches[:_MOST_NOTCHES]]
+    parts = [f"low-pass of {number(low_pass_hz, 3)} Hz"] if np.isfinite(low_pass_hz) else []
+    parts += [f"notch at {number(notch.frequency_hz, 3)} Hz" for notch in notches[:_MOST_NOTCHES]]
     if len(notches) > _MOST_NOTCHES:
         parts.append(f"{len(notches) - _MOST_NOTCHES} more notches")
     for group in known.tracked:

@@ -19,7 +19,7 @@ from quadid_logs.fleet.disagreement import Scatter
 from quadid_logs.fleet.history import Fleet, Flight, VehicleHistory
 from quadid_logs.fleet.sparklines import HEIGHT, WIDTH, Sparkline, sparkline
 from quadid_logs.fleet.store import REPORTS
-from quadid_logs.numerals import p_words, plus_minus, resolved
+from quadid_logs.numerals import number, p_words, plus_minus, resolved
 from quadid_logs.report.pages import environment
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
@@ -378,7 +378,7 @@ def _scatter_story(history: VehicleHistory) -> _Story:
 def _scatter_words(one: Scatter, unit: str) -> str:
     """Say how far the flights lie apart, and how likely that is by chance."""
     name, unit, factor = _spoken(one.name, one.axis, unit)
-    low, high = (f"{factor * value:.3g}" for value in (one.lowest, one.highest))
+    low, high = (number(factor * value, 3) for value in (one.lowest, one.highest))
     flights = f"flights {one.first + 1} to {one.last + 1}"
     return f"{name}: {low} to {high} {unit} in {flights} ({p_words(one.p_value)})"
 

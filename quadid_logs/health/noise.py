@@ -407,20 +407,20 @@ def _sentence(
     """
     if not searched:
         return (
-            f"The gyro is logged up to {highest_hz:.3g} Hz only, and set-points are not logged: "
+            f"The gyro is logged up to {number(highest_hz, 3)} Hz only, and set-points are not logged: "
             "vibration cannot be separated from commands there."
         )
     named = sorted(
         ((axis, line) for axis, found in lines.items() for line in found), key=lambda one: -one[1].height_db
     )
     if not named:
-        told = f"The gyro shows no distinct line up to {highest_hz:.3g} Hz, which is normal"
+        told = f"The gyro shows no distinct line up to {number(highest_hz, 3)} Hz, which is normal"
     else:
         words = []
         for axis, line in named[:_MOST_NAMED]:
             source = source_words(line)
             size = f"{line.height_db:.0f} dB, {number(float(np.degrees(line.rms)), 2)} deg/s rms"
-            words.append(f"{axis} {line.frequency_hz:.3g} Hz ({size}{', ' if source else ''}{source})")
+            words.append(f"{axis} {number(line.frequency_hz, 3)} Hz ({size}{', ' if source else ''}{source})")
         told = f"The gyro shows distinct lines: {some(words, len(named))}"
         if highest_hz > COMMANDED_HZ:
             more = "more than" if in_lines > 0.5 else "less than"

@@ -161,7 +161,7 @@ def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bo
     for one in found[:3]:
         shown_of.setdefault(_why(one), []).append(
             f"{one.axis.capitalize()} oscillates at {one.line.frequency_hz:.1f} Hz, in its rate "
-            f"({np.degrees(one.line.rms):.2g} deg/s rms) and in its output, in "
+            f"({number(float(np.degrees(one.line.rms)), 2)} deg/s rms) and in its output, in "
             f"{100.0 * one.line.share:.0f} % of the flight."
         )
     told = " ".join(
@@ -170,6 +170,7 @@ def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bo
     )
     if folded:
         told += (
-            f" The log has {rate_hz:.3g} samples a second: a faster vibration can appear at that frequency."
+            f" The log has {number(rate_hz, 3)} samples a second: a faster vibration can appear at that "
+            "frequency."
         )
     return told

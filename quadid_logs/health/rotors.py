@@ -24,7 +24,7 @@ from quadid_logs.health.motors import motor_names
 from quadid_logs.health.propellers import find_shaking
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.self_normalised import FEWEST, Change, Difference, between, change_of, mean_of
-from quadid_logs.numerals import plus_minus
+from quadid_logs.numerals import number, plus_minus
 
 #: The chance that a flight without a fault shows any: of the whole flight, and of each of the five tests.
 FALSE_ALARM: Final = 0.01
@@ -123,7 +123,7 @@ def find_rotors(prepared: Prepared, sent: Commanded | None, intervals: Sequence[
                 size=shown,
                 p_value=shaking.p_value,
                 sentence=f"The propeller of {names[shaking.worst]} shakes the gyro at its own speed more "
-                f"than all others together ({np.degrees(shown.value):.2g} deg/s rms).",
+                f"than all others together ({number(float(np.degrees(shown.value)), 2)} deg/s rms).",
             )
         )
     force = series.get("specific_force")

@@ -15,6 +15,7 @@ from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import AxisSteps, Level, Quantity, StepCurve, Steps
 from quadid_logs.health.records import records
+from quadid_logs.sentences import listed
 from quadid_logs.vocabulary import AXES
 
 _WINDOW_S: Final = 2.0
@@ -145,9 +146,11 @@ def find_steps(responses: dict[str, Response]) -> Steps | None:
     if not axes:
         return None
     late, over = (", ".join(f"{axis} {words(one)}" for axis, one in axes.items()) for words in (_late, _over))
-    level: Level = "high" if any(one.overshoot.value > _OVERSHOOT for one in axes.values()) else "normal"
+    high = [axis for axis, one in axes.items() if one.overshoot.value > _OVERSHOOT]
+    level: Level = "high" if high else "normal"
     limit = f"{100.0 * _OVERSHOOT:.0f} %, that of a loop with 45 degrees of phase margin"
-    judged = f"which is normal (below {limit})" if level == "normal" else f"more than the normal {limit}"
+    whose = "" if len(high) == len(axes) else f"on {listed(high)} "
+    judged = f"{whose}more than the normal {limit}" if high else f"which is normal (below {limit})"
     told = f"The rate reaches half of a step after: {late}. It overshoots by: {over}, {judged}."
     return Steps(sentence=told, level=level, axes=axes)
 

@@ -42,7 +42,7 @@ def missing_for_analysis(log: FlightLog, data: FlightData) -> tuple[Finding, ...
         *find_in_data(log, data, Identification(only_yaw=may_tell_yaw(data))),
         *find_in_gyro(data),
     )
-    found = list(remedied(told, log.autopilot))
+    found = list(remedied(told, log.autopilot, log.version))
     return tuple(finding for level in ("error", "warning") for finding in found if finding.level == level)
 
 

@@ -8,6 +8,7 @@ from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Tuning
 from quadid_logs.data.what_if import WhatIf
+from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.report.filter_picture import filter_picture
 from quadid_logs.report.pages import environment
 from quadid_logs.report.provenance import LONGEST_COMMAND, Provenance
@@ -50,6 +51,7 @@ def tune_page(
         .render(
             view=tune_view(result, tuning, forecasts),
             what_if=what_if_parts(grids or {}),
+            step_note=advice_for(result.log.autopilot).step_note(result.log.parameters),
             pictures=[one for one in pictures if one is not None],
             filters=[one for one in filters if one is not None],
             provenance={

@@ -11,6 +11,8 @@ from quadid_logs.autopilots.betaflight.advice import ADVICE as BETAFLIGHT
 from quadid_logs.autopilots.px4.advice import ADVICE as PX4
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.log import FlightLog
+from quadid_logs.diagnose import remedied
+from quadid_logs.diagnose.findings import finding
 from quadid_logs.planning import make_plan
 from quadid_logs.vocabulary import AXES
 
@@ -68,6 +70,46 @@ def test_three_axes_are_listed_with_commas() -> None:
 def test_rotor_speeds_are_asked_of_firmware_that_logs_them(version: Version, *, told: bool) -> None:
     """The field eRPM is in the log since 4.5."""
     assert ("bidirectional DShot" in betaflight_logging(version)) == told
+
+
+@pytest.mark.parametrize(
+    ("code", "version", "told"),
+    [
+        ("QL620", (4, 2, 9), "Update the firmware to 4.5"),
+        ("QL620", (2026, 6), "Leave the unfiltered gyro"),
+        ("QL644", (4, 3, 2), "Update the firmware to 4.4"),
+        ("QL644", (4, 5, 3), "Set blackbox_high_resolution"),
+        ("QL620", None, "Leave the unfiltered gyro"),
+        ("QL643", (4, 2, 9), "Fly the whole flight in Acro mode"),
+    ],
+)
+def test_what_to_log_is_what_the_version_that_flew_can(code: str, version: Version, told: str) -> None:
+    """4.2 was to leave a field in that it lacks, and 2026.6 was told of firmware before 4.5."""
+    (one,) = remedied([finding(code, "warning", {})], "betaflight", version)
+    assert one.advice.startswith(told)
+    assert version is None or version < (4, 5) or "before" not in one.advice
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"iterm_relax": 1.0, "f_roll": 120.0}, "without feed-forward and iterm relax:"),
+        ({"iterm_relax": 1.0, "f_roll": 0.0}, "without iterm relax:"),
+        ({"iterm_relax": 0.0}, ""),
+    ],
+)
+def test_a_computed_step_says_what_the_firmware_adds_while_a_stick_moves(
+    settings: dict[str, float], told: str
+) -> None:
+    """The page of gains said that a flight overshot by 35 % whose measured step overshot by 7 %."""
+    assert told in BETAFLIGHT.step_note(settings)
+    assert bool(BETAFLIGHT.step_note(settings)) == bool(told)
+
+
+def test_bidirectional_dshot_that_is_on_is_not_to_be_turned_on() -> None:
+    """A header holds it, since 4.2."""
+    assert "bidirectional" in BETAFLIGHT.logging("blackbox", {"dshot_bidir": 0.0}, (2026, 6))
+    assert "bidirectional" not in BETAFLIGHT.logging("blackbox", {"dshot_bidir": 1.0}, (2026, 6))
 
 
 @pytest.mark.parametrize(("mask", "to_set"), [(176126.0, 176127), (830.0, 831), (float("nan"), 176127)])

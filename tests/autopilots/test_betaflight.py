@@ -140,7 +140,7 @@ def test_the_clock_of_32_bits_turns_over(tmp_path: Path) -> None:
     ],
 )
 def test_other_firmware_is_refused_by_its_name(revision: str, kind: str, name: str, tmp_path: Path) -> None:
-    """Its fields have other scales, its mixer is another; old ones log the revision of their source alone."""
+    """Fields may have other scales, and mixers differ; old ones log the revision of their source alone."""
     names = {"Firmware__revision": revision, "Firmware__type": kind}
     with pytest.raises(UnknownFormatError, match=f"log of {name}, not"):
         made(tmp_path, {"gyroADC[0]": np.zeros(40)}, **names)
@@ -305,6 +305,16 @@ def test_a_build_for_wings_is_no_multirotor(tmp_path: Path) -> None:
     content = Path(log.path).read_bytes()
     Path(log.path).write_bytes(content.replace(b"axisF[0],axisF[1]", b"axisS[0],axisF[1]"))
     assert read(log.path).vehicle_type == "fixed-wing"
+
+
+def test_a_quad_that_leaves_its_outputs_out_is_known_by_its_rotors(tmp_path: Path) -> None:
+    """`tune` said that a vehicle of unknown kind is not tuned here; what it lacked were the fields."""
+    log = made(tmp_path, {"gyroADC[0]": np.zeros(40)})
+    content = Path(log.path).read_bytes().replace(b"motor[", b"other[")
+    Path(log.path).write_bytes(content)
+    assert read(log.path).vehicle_type == "unknown"
+    Path(log.path).write_bytes(content.replace(b"other[", b"eRPM["))
+    assert read(log.path).vehicle_type == "multirotor"
 
 
 @pytest.mark.parametrize("version", [(4, 5, 1), (2025, 12, 2), (2026, 6), (2026, 12), None])

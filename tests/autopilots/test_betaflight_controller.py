@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -204,6 +205,37 @@ def test_the_mean_d_lies_between_its_ends(corpus: Path) -> None:
     flown = d_parts(logged(corpus / "blackbox" / "bf2025-eRPM-btfl027.bbl"))["roll"]
     assert 0.1 < quick < 0.3
     assert 0.8 < flown <= 1.0
+
+
+def with_d(log: FlightLog, of_lower: Callable[[np.ndarray], np.ndarray]) -> Replay:
+    """Replay roll with D-max twice D, where D flew as this makes of the lower gain's."""
+    settings = {**log.parameters, "d_max_roll": 2.0 * log.parameters["d_roll"]}
+    log = replace(log, parameters=settings)
+    found = controllers(log, settings)
+    given = replay_inputs(log, found, ())["roll"]
+    lower = given.law(given.rows, {**settings, "d_max_roll": 0.0}).values["D"]
+    proportional, flown = given.rows.logged["P"], of_lower(lower)
+    rows = replace(
+        given.rows,
+        logged={"P": proportional, "D": flown},
+        output=proportional + flown + given.rows.added,
+    )
+    return replay(found, {"roll": replace(given, rows=rows)})["roll"]
+
+
+def test_a_d_that_rises_in_the_quickest_motion_is_no_other_gain(corpus: Path) -> None:
+    """D-min does that: the mean of a flight, held against each row, called it a gain that did not fly."""
+
+    def raised(lower: np.ndarray) -> np.ndarray:
+        return np.where(np.abs(lower) > np.quantile(np.abs(lower), 0.9), 2.0, 1.0) * lower
+
+    assert with_d(logged(corpus / "firmware" / STICKS), raised).agrees
+
+
+def test_a_d_beyond_both_of_its_gains_did_not_fly_with_them(corpus: Path) -> None:
+    """Half as much again as the higher one."""
+    found = with_d(logged(corpus / "firmware" / STICKS), lambda lower: 3.0 * lower)
+    assert (found.reason, found.parameter) == (ReplayReason.GAIN_DIFFERS, "d_roll")
 
 
 def test_d_of_a_slow_log_is_taken_as_logged(corpus: Path) -> None:

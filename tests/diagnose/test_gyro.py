@@ -272,3 +272,46 @@ def test_an_attitude_of_zeros_is_one_warning_for_all_axes() -> None:
     """Not three of one cause."""
     (only,) = found(logged(euler=np.zeros_like(EULER)))
     assert only.axes == AXES
+
+
+def test_telemetry_too_slow_to_integrate_contradicts_no_attitude() -> None:
+    """A telemetry log was told to check how the autopilot sits; the card's log of that flight was not."""
+    time_s, rate, euler = turning(tones((1.2, 1.1, 1.3)))
+    slow = slice(None, None, int(RATE_HZ / 4.0))
+    data = align(
+        flight_log(
+            signal("body_rate", time_s[slow], rate[slow]),
+            signal("attitude", time_s[slow], euler[slow]),
+            signal("torque_command", time_s[slow], 0.1 * rate[slow]),
+            signal("throttle", time_s[slow], np.full((time_s[slow].size, 1), 0.4)),
+        ),
+        AlignSettings(),
+    )
+    assert data.gyro_check is not None
+    assert np.abs(np.diag(data.gyro_check.matrix) - 1.0).max() > 0.1
+    assert found(data) == []
+
+
+def spinning(t: np.ndarray) -> np.ndarray:
+    """Return slow rates, with a spin of seven turns a second that lasts for four seconds."""
+    rate = broad(t)
+    rate[:, 2] += 45.0 * ((t > 40.0) & (t < 44.0))
+    return rate
+
+
+def test_a_spin_faster_than_the_attitude_counts_is_no_wrong_sign() -> None:
+    """After a motor failed, the yaw of a log at 10 Hz "had the wrong sign"."""
+    time_s, rate, euler = turning(spinning)
+    slow = slice(None, None, int(RATE_HZ / 10.0))
+    data = align(
+        flight_log(
+            signal("body_rate", time_s, rate),
+            _among(signal("attitude", time_s[slow], euler[slow]), int(RATE_HZ / 10.0)),
+            signal("torque_command", time_s, 0.1 * rate),
+            signal("throttle", time_s, np.full((time_s.size, 1), 0.4)),
+        ),
+        AlignSettings(),
+    )
+    assert data.gyro_check is not None
+    assert data.gyro_check.matrix[2, 2] < 0.5
+    assert found(data) == []

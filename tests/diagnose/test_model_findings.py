@@ -11,7 +11,7 @@ import pytest
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import BandCheck, ChangeCheck, FormulationCheck, Identification, Model
 from quadid_logs.data.settings import IdentifySettings
-from quadid_logs.diagnose.advice import next_steps
+from quadid_logs.diagnose.advice import advice_for, next_steps
 from quadid_logs.diagnose.model_findings import find_in_models
 from quadid_logs.identify import identify
 from tests.align.flights import flight_log
@@ -427,3 +427,19 @@ def test_a_yaw_of_a_slow_log_that_explains_nothing_is_not_offered_for_comparison
     (one,) = (one for one in find_in_models(flight_log(), slow) if one.code == "QL531")
     assert one.level == level
     assert ("Compare" in one.advice) == (level == "warning")
+
+
+def test_a_yaw_that_a_slow_log_cannot_confirm_asks_for_what_roll_and_pitch_ask_for(
+    good: Identification,
+) -> None:
+    """Two steps stood for one: to set the log's rate, and to log faster."""
+    first, *others = good.models
+    nothing = {**first.validation.r2_acceleration, "r_dot": -0.3}
+    validation = dataclasses.replace(first.validation, r2_acceleration=nothing)
+    slow = dataclasses.replace(
+        good, only_yaw=True, models=(dataclasses.replace(first, validation=validation), *others)
+    )
+    log = dataclasses.replace(flight_log(), autopilot="px4", format="ulog")
+    (one,) = (one for one in find_in_models(log, slow) if one.code == "QL531")
+    assert one.advice == advice_for("px4").logging("ulog", log.parameters, None)
+    assert "SDLOG_PROFILE" in one.advice

@@ -93,6 +93,21 @@ def test_of_a_flight_that_is_too_short_nothing_else_is_advised() -> None:
     assert next_steps([(log, short), (log, bends)]) == ("Fly for a minute.",)
 
 
+def test_of_another_kind_of_vehicle_nothing_is_to_be_set_or_flown() -> None:
+    """A helicopter's old log was to be followed by newer firmware and by stick doublets."""
+    log = _log("ardupilot")
+    helicopter = _finding("QL201", "error", advice="Use a log of a multirotor.")
+    timeless = _finding("QL104", "error", advice="Update the firmware.")
+    assert next_steps([(log, timeless), (log, helicopter)]) == ("Use a log of a multirotor.",)
+
+
+def test_a_log_of_another_vehicle_hides_no_step_of_a_multirotor() -> None:
+    """Where several logs are compared."""
+    plane = _finding("QL201", "error", advice="Use a log of a multirotor.")
+    steps = next_steps([(_log("ardupilot"), plane), (_log("ardupilot", "dataflash"), TOO_SLOW)])
+    assert steps == (SET, "Use a log of a multirotor.")
+
+
 def test_an_axis_that_changed_in_flight_is_not_to_be_flown_again() -> None:
     """The advice is to analyze both parts; doublets would tell nothing."""
     entry = CATALOGUE["QL509"]

@@ -172,7 +172,13 @@ def test_rough_set_points_hide_no_vibration() -> None:
 
 
 def limit_cycle(
-    at_hz: float, *, in_output: bool, until: float = 1.0, filtered: bool = True, rate_loop: bool = True
+    at_hz: float,
+    *,
+    in_output: bool,
+    until: float = 1.0,
+    filtered: bool = True,
+    rate_loop: bool = True,
+    size: float = 0.3,
 ):
     """Return what is found in a flight whose roll axis cycles."""
     t, rates = gyro_with(at_hz, 0.0)
@@ -180,9 +186,9 @@ def limit_cycle(
     output = -0.2 * rates + 0.001 * rng.standard_normal(rates.shape)
     lasting = t < t[0] + until * (t[-1] - t[0])
     cycle = np.where(lasting, np.sin(2.0 * np.pi * at_hz * t), 0.0)
-    rates[:, 0] += 0.3 * cycle
+    rates[:, 0] += size * cycle
     if in_output:
-        output[:, 0] -= 0.06 * cycle
+        output[:, 0] -= 0.2 * size * cycle
     asked = coloured(7, t.size, RATE_HZ, 0.5)
     rate = series("body_rate", t, rates, gyro_filter=LOW_PASS) if filtered else series("body_rate", t, rates)
     found = find_oscillation(
@@ -205,6 +211,13 @@ def test_a_limit_cycle_is_named_with_its_axis_and_frequency(at_hz: float) -> Non
     assert found.axes[0].line.frequency_hz == pytest.approx(at_hz, abs=0.1)
     assert found.axes[0].line.rms == pytest.approx(0.3 / np.sqrt(2.0), rel=0.1)
     assert found.level == "high"
+
+
+def test_a_strong_limit_cycle_is_told_in_plain_digits() -> None:
+    """A pilot read "1.3e+02 deg/s rms"."""
+    sentence = limit_cycle(6.2, in_output=True, size=3.3).sentence
+    assert "e+" not in sentence
+    assert "(133 deg/s rms)" in sentence
 
 
 def test_a_law_that_holds_attitude_and_rates_at_once_has_no_rate_loop_to_blame() -> None:

@@ -140,6 +140,19 @@ def test_the_share_of_time_at_the_limit_is_that_of_the_flight() -> None:
     assert motors.at_high.value == pytest.approx(0.1, abs=0.002)
 
 
+@pytest.mark.parametrize(("share", "level"), [(0.02, "normal"), (0.17, "high")])
+def test_motors_that_are_at_full_output_for_long_are_not_normal_however_alike(
+    share: float, level: str
+) -> None:
+    """A quad that flew 26 % of its flight 5 degrees off its set-points had "normal" motors."""
+    t, values = outputs((0.5, 0.5, 0.5, 0.5), spread=0.02)
+    values[: int(share * t.size)] = 1.0
+    motors = find_motors(series("motor_thrust", t, values), QUAD, ((t[0], t[-1]),))
+    assert motors is not None
+    assert motors.level == level
+    assert ("more than the normal 10 %" in motors.sentence) == (level == "high")
+
+
 @pytest.mark.parametrize(("rms", "level"), [(12.0, "normal"), (45.0, "high"), (80.0, "severe")])
 def test_vibration_is_judged_by_what_99_percent_stay_below(rms: float, level: str) -> None:
     """ArduPilot's own measure, in m/s^2."""

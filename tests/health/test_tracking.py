@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.health.steps import find_angle_lags, find_responses, find_steps
+from quadid_logs.data.health import AxisSteps, Quantity
+from quadid_logs.health.steps import Response, find_angle_lags, find_responses, find_steps
 from quadid_logs.health.tracking import find_tracking
 from tests.health.flights import coloured, delayed, grid, series
 
@@ -55,6 +56,30 @@ def test_an_overshooting_loop_is_seen_to_overshoot() -> None:
     for one in found.values():
         assert one.steps is not None
         assert one.steps.overshoot.value == pytest.approx(0.25, abs=0.06)
+
+
+def test_of_three_axes_the_one_that_overshoots_is_named() -> None:
+    """ "roll 5 %, pitch 21 %, yaw 5 %, more than the normal 20 %"."""
+
+    def axis(overshoot: float) -> Response:
+        t = np.linspace(0.0, 0.5, 50)
+        steps = AxisSteps(
+            time_s=t,
+            ideal=np.ones_like(t),
+            curves=(),
+            split_rad_s=0.0,
+            overshoot=Quantity(overshoot, "1"),
+            half_time=Quantity(0.02, "s"),
+        )
+        return Response(Quantity(0.01, "s"), steps)
+
+    found = find_steps({"roll": axis(0.05), "pitch": axis(0.21), "yaw": axis(0.05)})
+    assert found is not None
+    assert found.level == "high"
+    assert "on pitch more than the normal 20 %" in found.sentence
+    every = find_steps({"roll": axis(0.3)})
+    assert every is not None
+    assert "roll 30 %, more than the normal 20 %" in every.sentence
 
 
 def test_set_points_that_answer_the_rate_tell_no_response() -> None:

@@ -11,6 +11,8 @@ from quadid_logs.autopilots.betaflight.chirp import SWEEP_SETTINGS
 from quadid_logs.autopilots.betaflight.law import OLDEST_LAW, loop_period_us
 from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
 from quadid_logs.data.log import whole_number
+from quadid_logs.sentences import listed
+from quadid_logs.vocabulary import AXES
 
 #: The chirp flight mode is in builds since then, where it was chosen (USE_CHIRP).
 _CHIRP_SINCE: Final[Version] = (2025, 12)
@@ -20,6 +22,9 @@ _SAMPLE_RATE_SINCE: Final[Version] = (4, 3)
 #: blackbox_p_ratio took the place of blackbox_rate_num and blackbox_rate_denom, one frame in so many loops.
 _RATIO_SINCE: Final[Version] = (3, 2)
 _RPM_SINCE: Final[Version] = (4, 5)
+#: The gyro before its filters has a field of its own, and rates have a tenth of a degree per second.
+_UNFILTERED_SINCE: Final[Version] = (4, 5)
+_HIGH_RESOLUTION_SINCE: Final[Version] = (4, 4)
 #: What is wanted [us], and the parts of the loop's rate that blackbox_sample_rate can be.
 _WANTED_US: Final = 1000.0
 _SAMPLE_RATES: Final = (1, 2, 4, 8, 16)
@@ -94,6 +99,35 @@ class BetaflightAdvice(Advice):
     )
     gain_loading = "Paste {} into the command line of the configurator"
 
+    def remedy(self, code: str, version: Version | None) -> str:
+        """As of `Advice.remedy`; of a known version, what it can log."""
+        if version is not None and code == "QL620":
+            if version >= _UNFILTERED_SINCE:
+                return "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters."
+            return (
+                "Update the firmware to 4.5 or later, and leave the unfiltered gyro among the logged fields: "
+                "it shows the delay of all filters."
+            )
+        if version is not None and code == "QL644":
+            if version >= _HIGH_RESOLUTION_SINCE:
+                return "Set blackbox_high_resolution = ON."
+            return "Update the firmware to 4.4 or later, and set blackbox_high_resolution = ON."
+        return super().remedy(code, version)
+
+    def step_note(self, parameters: Mapping[str, float]) -> str:
+        """Name what acts while a stick moves, and is in no loop."""
+        at_work = {
+            "feed-forward": any(parameters.get(f"f_{axis}", 0.0) > 0.0 for axis in AXES),
+            "iterm relax": parameters.get("iterm_relax", 0.0) > 0.0,
+        }
+        named = [name for name, works in at_work.items() if works]
+        if not named:
+            return ""
+        return (
+            f"Computed for sticks at rest, without {listed(named)}: in flight the answer to a stick differs. "
+            "The report of `quadid-log analyze` shows the measured one."
+        )
+
     def _logging(
         self,
         log_format: str,  # noqa: ARG002
@@ -114,7 +148,8 @@ class BetaflightAdvice(Advice):
             )
         told, speeds = "gyro, PID, set-points and motors", ""
         if version is None or version >= _RPM_SINCE:
-            told, speeds = "gyro, PID, set-points, motors and RPM", "turn on bidirectional DShot, "
+            told = "gyro, PID, set-points, motors and RPM"
+            speeds = "" if parameters.get("dshot_bidir") == 1.0 else "turn on bidirectional DShot, "
         period_us = _period_us(parameters)
         part = max(one for one in _SAMPLE_RATES if one == 1 or one * period_us <= _WANTED_US)
         logged, loop = (f"{1e3 / each:.3g}" for each in (part * period_us, period_us))

@@ -90,10 +90,12 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
     is_simulated = header.texts.get("Firmware revision", "").rstrip().endswith(_SIMULATOR)
     # What the vehicle is by its motors; builds for wings log S terms.
     fields = header.layouts["I"].names
-    if any(field.startswith("axisS[") for field in fields) or "motor[1]" not in fields:
+    if any(field.startswith("axisS[") for field in fields):
         vehicle_type = "fixed-wing" if "motor[0]" in fields else "unknown"
+    elif "motor[2]" in fields or "eRPM[2]" in fields:  # outputs can be left out, and the rotors still report
+        vehicle_type = MULTIROTOR
     else:
-        vehicle_type = MULTIROTOR if "motor[2]" in fields else "unknown"
+        vehicle_type = "fixed-wing" if "motor[0]" in fields and "motor[1]" not in fields else "unknown"
     swept_axes = _swept_axes(main)  # before the signals take the columns
     signals = _signals(dialect, content, settings, rows, facts)
     remarks = []
@@ -150,7 +152,7 @@ def _refuse_others(path: str | Path, dialect: Dialect, texts: Mapping[str, str])
             hint="If the file was cut off, fetch it again from the vehicle. Otherwise export it to a table "
             "in SI units.",
         )
-    hint = _OTHERS.get(name, "Its fields have other scales and signs: export them to a table in SI units.")
+    hint = _OTHERS.get(name, "Its fields may have other scales and signs: export a table in SI units.")
     if name in _KNOWN:
         hint = "The first log of the file is of other firmware: split the file."
     raise UnknownFormatError(f"{path} is a Blackbox log of {name}, not of {dialect.name}.", hint=hint)

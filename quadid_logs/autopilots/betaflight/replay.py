@@ -42,8 +42,8 @@ from quadid_logs.data.once import once
 from quadid_logs.maths.recurrence import linear_filter
 from quadid_logs.vocabulary import AXES
 
-#: Anti-gravity raises P by some per cent where the throttle moves, which moves the cut-off of D's filter too:
-#: on the firmware's logs P is off by 1 to 2 %, beside the rounding.
+#: Of P and of D. Anti-gravity raises P by some per cent where the throttle moves, which moves the cut-off of
+#: D's filter too: on the firmware's logs P is off by 1 to 2 %, beside the rounding.
 _TOLERANCE: Final = 0.05
 #: D amplifies what slower rows alias: from them it is not made anew [s].
 _SLOWEST_FOR_D_S: Final = 1.1e-3
@@ -186,21 +186,24 @@ def _tolerance(rows: AxisRows, settings: Mapping[str, float], axis: str, by_stic
     Set-points made of sticks are known to `by_sticks` [rad/s].
     """
     settled = slice(rows.settled(), None)
-    size, anew, of_d = (
+    nothing = np.zeros(rows.n_rows)
+    size, anew, of_p, of_d = (
         float(np.sqrt(np.mean(one[settled] ** 2))) if one[settled].size else 0.0
-        for one in (rows.output, rows.output - rows.added, rows.logged.get("D", np.zeros(rows.n_rows)))
+        for one in (
+            rows.output,
+            rows.output - rows.added,
+            rows.logged["P"],
+            rows.logged.get("D", nothing),
+        )
     )
     rounding = math.hypot(
         _rounding(rows, settings, axis), rate_gains(settings, axis).proportional * by_sticks
     )
     if not 0.0 < rounding <= _MOST_ROUNDING * anew or not size > 0.0:
         return math.nan
-    gains = rate_gains(settings, axis)
-    # Anywhere between its ends, D lies off its mean by this standard deviation.
-    spread = (gains.most_derivative - gains.derivative) / math.sqrt(12.0)
-    varying = of_d * spread / gains.most_derivative if spread > 0.0 else 0.0
     fast = _fast_part(rows.logged["D"][settled]) if "D" in rows.logged else 0.0
-    return math.hypot(_TOLERANCE * anew, rounding, varying, fast) / size
+    # P and D differ on their own, whatever of both cancels in their sum.
+    return math.hypot(_TOLERANCE * of_p, _TOLERANCE * of_d, rounding, fast) / size
 
 
 def _fast_part(values: FloatArray) -> float:
@@ -238,7 +241,8 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str, part: f
     Returns
     -------
     ReplayedTerms
-        I and feed-forward are zero: they stand in ``added``, as logged.
+        I and feed-forward are zero: they stand in ``added``, as logged. Where D moves between two gains, D is
+        the logged one as far as it lies between what both gains make.
     """
     gains, factor = rate_gains(parameters, axis), attenuation(parameters, _throttle(rows))
     error = (rows.target - rows.rate) * (factor if attenuates_p(parameters) else 1.0)
@@ -249,13 +253,22 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str, part: f
     )
     derivative = np.zeros(rows.n_rows)
     if part is not None:
-        slope_loop_s, n_slope_loops = loops_of(float(np.median(rows.step_s)), parameters)
-        used = d_filter(parameters, float(_throttle(rows).mean()), slope_loop_s)
-        derivative = -gains.between(part) * factor * _at_rows(used, rows.rate, n_slope_loops)
+        slope = _slope(rows, parameters)
+        derivative = gains.between(part) * slope
+        if "D" in rows.logged and gains.most_derivative > gains.derivative:
+            ends = (gains.derivative * slope, gains.most_derivative * slope)
+            derivative = np.clip(rows.logged["D"], np.minimum(*ends), np.maximum(*ends))
     none = np.zeros(rows.n_rows)
     values: dict[Term, FloatArray] = {"P": proportional, "I": none, "D": derivative, "FF": none}
     values["output"] = _limited(proportional + derivative + rows.added, parameters, axis)
     return ReplayedTerms(values, np.zeros(rows.n_rows, np.bool_))
+
+
+def _slope(rows: AxisRows, parameters: Mapping[str, float]) -> FloatArray:
+    """Return what a D of 1 makes of the rates."""
+    loop_s, n_loops = loops_of(float(np.median(rows.step_s)), parameters)
+    used = d_filter(parameters, float(_throttle(rows).mean()), loop_s)
+    return -attenuation(parameters, _throttle(rows)) * _at_rows(used, rows.rate, n_loops)
 
 
 def _throttle(rows: AxisRows) -> FloatArray:
@@ -304,7 +317,7 @@ def _part(log: FlightLog, axis: str, logged: _Logged | None) -> float:
     if logged is None or found is None or logged.thinned_for_d:
         return 0.5
     rows = _rows(axis, logged, found, log.parameters, d_too=True)
-    lowest = terms(rows, log.parameters, axis=axis, part=0.0).values["D"]
+    lowest = gains.derivative * _slope(rows, log.parameters)
     size = float(lowest @ lowest)
     more = float(lowest @ rows.logged["D"]) / size - 1.0 if size > 0.0 else 0.0
     return min(max(more / (gains.most_derivative / gains.derivative - 1.0), 0.0), 1.0)

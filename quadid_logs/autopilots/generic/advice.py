@@ -101,6 +101,27 @@ class Advice:
 
     not_set_by_hand: ClassVar[tuple[str, ...]] = ()
 
+    def remedy(self, code: str, version: Version | None) -> str:  # noqa: ARG002
+        """Return what to do about a finding, in a version of this autopilot; "" for the catalogue's advice.
+
+        Parameters
+        ----------
+        code : str
+        version : tuple of int or None
+            Of the firmware; None where the log does not say.
+        """
+        return self.remedies.get(code, "")
+
+    def step_note(self, parameters: Mapping[str, float]) -> str:  # noqa: ARG002
+        """Say what a computed step response leaves out of what the firmware does; "" for nothing.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            Of the log.
+        """
+        return ""
+
     def logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to set so that rates and torque are logged at the loop rate.
 
