@@ -157,7 +157,11 @@ def _angle_rate(angle: np.ndarray, rate: np.ndarray) -> np.ndarray:
     sine, cosine = np.sin(phi), np.cos(phi)
     turn = sine * q + cosine * r
     turned = np.empty(angle.shape)
-    turned[:, 0], turned[:, 1], turned[:, 2] = p + turn * np.tan(theta), cosine * q - sine * r, turn / np.cos(theta)
+    turned[:, 0], turned[:, 1], turned[:, 2] = (
+        p + turn * np.tan(theta),
+        cosine * q - sine * r,
+        turn / np.cos(theta),
+    )
     return turned
 
 
