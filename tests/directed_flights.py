@@ -119,7 +119,7 @@ def with_gains(
     """Return the flight of the same vehicle with other gains, which replay as if they had flown.
 
     ``factors`` are on all gains of an axis, ``integral`` is on I beside the others; ``values`` stand instead.
-    The loop is known of some ``axes`` only.
+    The loop is known of some ``axes`` only, and the frame is stiff.
     """
     now = as_logged(autopilot)
     model, tunable = now.identification.recommended, named(autopilot).tunable(now.log.parameters)
@@ -137,7 +137,7 @@ def with_gains(
     closed_axes, per_unit = {}, per_command(now.data, model)
     for axis in axes:
         controller = controllers.axes[axis]
-        known = vehicles(*per_unit, AXES.index(axis), controller)
+        known = vehicles(*per_unit, AXES.index(axis), controller, frames=False)
         assert known is not None
         known_hz = known.supported.known_hz
         margins = scaled_loops(controller, known.plants, known_hz).margins()

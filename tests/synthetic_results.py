@@ -52,6 +52,7 @@ from quadid_logs.data.model import (
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.torque import MixerCheck, TorqueModel
+from quadid_logs.planning import Prediction
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 RATE_HZ = 400.0
@@ -66,6 +67,12 @@ def usable_result(duration_s: float = 80.0, path: str = "flight.bin") -> Result:
     """Return a good flight: 80 s at 400 Hz, three structures, one caution on yaw."""
     made = _usable_result(duration_s)
     return replace(made, log=replace(made.log, path=path))
+
+
+def synthetic_prediction() -> Prediction:
+    """Return what a planned flight might give, without flying it, for tests of what stands around it."""
+    made = usable_result(8.0)
+    return Prediction(vehicle="a quadrotor", identification=made.identification, diagnosis=made.diagnosis)
 
 
 @cache

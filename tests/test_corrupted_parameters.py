@@ -69,8 +69,8 @@ def test_a_log_whose_parameters_are_all_corrupted_is_analyzed(
 
 @pytest.mark.parametrize(("name", "damaged"), [DATAFLASH, ULOG], ids=["dataflash", "ulog"])
 def test_each_parameter_may_be_no_number(name: str, damaged: Damaged, tmp_path: Path) -> None:
-    """One after the other, so that none hides behind another."""
-    content = (SAMPLES / name).read_bytes()
+    """One after the other, so that none hides behind another: they stand before the first flown second."""
+    content = (SAMPLES / name).read_bytes()[:30_000]
     number = 0
     while (log := damaged(content, math.nan, number)) is not None:
         (tmp_path / name).write_bytes(log)

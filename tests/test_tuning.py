@@ -23,7 +23,7 @@ from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.posterior import draw
 from quadid_logs.control.recommend import filter_note
 from quadid_logs.control.scaled_loop import scaled_loops, spare
-from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins, Plant
+from quadid_logs.data.closed_loop import Estimated, FrameModes, LoopMargins, Margins, Modes, Plant
 from quadid_logs.data.controller import AxisController, Replay
 from quadid_logs.data.off_nominal import AS_FLOWN
 from quadid_logs.data.promise import Decision, Held
@@ -73,10 +73,8 @@ def plants_of(result: Result) -> Plant:
     assert model.posterior is not None
     assert loop is not None
     plants = draw(model.posterior, 0, loop.controllers.axes["roll"].period_s)
-    frame = loop.axes["roll"].frame
     assert plants is not None
-    assert frame is not None
-    return plants._replace(modes=frame.modes)
+    return plants
 
 
 @pytest.fixture(scope="module")
@@ -123,16 +121,18 @@ def bending(factor: float, *, seen: bool) -> Result:
     result = detuned(factor)
     assert result.closed_loop is not None
     loop = result.closed_loop.axes["roll"]
-    assert loop.frame is not None
-    number = np.arange(loop.frame.modes.gain.size)
-    modes = loop.frame.modes._replace(
+    plants = plants_of(result)
+    number = np.arange(plants.effectiveness.size)
+    modes = Modes(
         natural_hz=np.full(number.size, 20.0),
         damping_ratio=np.full(number.size, 0.02),
         # A mode that is seen is one of the estimate, too.
         gain=np.where((number % 10 == 1) | (seen & (number == 0)), 0.3, 0.0),
     )
-    frame, plants = replace(loop.frame, modes=modes, seen=seen), plants_of(result)._replace(modes=modes)
-    roll = replace(loop, frame=frame, plants=plants)
+    frame = FrameModes(
+        modes=modes, seen=seen, line_hz=math.nan, line_height=math.nan, absent=0.9, visible_hz=20.0
+    )
+    roll = replace(loop, frame=frame, plants=plants._replace(modes=modes))
     return replace(result, closed_loop=replace(result.closed_loop, axes={"roll": roll}))
 
 

@@ -35,6 +35,12 @@ def recorded(autopilot: str) -> tuple[Record, ...]:
 
 @cache
 def flown(autopilot: str) -> Result:
+    """Return what an analysis finds in a flight of 20 s of a frame that is known to be stiff."""
+    return stiff(flown_with_frame(autopilot))
+
+
+@cache
+def flown_with_frame(autopilot: str) -> Result:
     """Return what an analysis finds in a flight of 20 s, made once for all test processes."""
     return SHELVES["tuned"].get(autopilot.encode(), lambda: _analyzed(autopilot))
 
@@ -48,6 +54,21 @@ def _analyzed(autopilot: str) -> Result:
     )
 
 
+def stiff(result: Result) -> Result:
+    """Return the result as if the frame could not bend: what may bend takes three times as many frequencies.
+
+    And a search without the modes that are merely possible, beside that with them.
+    """
+    loop = result.closed_loop
+    if loop is None:
+        return result
+    axes = {
+        axis: replace(one, frame=None, plants=None if one.plants is None else one.plants._replace(modes=None))
+        for axis, one in loop.axes.items()
+    }
+    return replace(result, closed_loop=replace(loop, axes=axes))
+
+
 def of_axes(result: Result, *axes: str) -> Result:
     """Return the result as if the loops of these axes alone were known: others take no search for gains."""
     loop = result.closed_loop
@@ -58,7 +79,7 @@ def of_axes(result: Result, *axes: str) -> Result:
 def with_log(result: Result, log: FlightLog) -> Result:
     """Return the result as if that log had been read: its loop is closed anew, its model is kept."""
     loop = _closed_loop(log, result.data, result.identification, result.diagnosis, result.settings)
-    return replace(result, log=log, closed_loop=loop)
+    return stiff(replace(result, log=log, closed_loop=loop))
 
 
 def with_parameters(result: Result, **values: float | None) -> Result:

@@ -68,8 +68,10 @@ def inertia_terms(inertia_kg_m2: FloatArray) -> InertiaTerms:
     return InertiaTerms(*[float(term) if term.ndim == 0 else term for term in terms])
 
 
-def euler_equation(rate: Triple, torque: Triple, inertia: InertiaTerms) -> Triple:
-    """Return the angular acceleration J^-1 (u - w x (J w)) [rad/s^2], eq. (8).
+def euler_equation(
+    rate: Triple, torque: Triple, inertia: InertiaTerms, damping: Triple = (0.0, 0.0, 0.0)
+) -> Triple:
+    """Return the angular acceleration J^-1 (u - D w - w x (J w)) [rad/s^2]: eq. (8), with damping D.
 
     Parameters
     ----------
@@ -78,6 +80,8 @@ def euler_equation(rate: Triple, torque: Triple, inertia: InertiaTerms) -> Tripl
     torque : tuple
         L, M, N [N m].
     inertia : InertiaTerms
+    damping : tuple
+        Torque against each rate [N m s/rad].
 
     Returns
     -------
@@ -86,13 +90,14 @@ def euler_equation(rate: Triple, torque: Triple, inertia: InertiaTerms) -> Tripl
     """
     p, q, r = rate
     L, M, N = torque
+    dp, dq, dr = damping
     xx, yy, zz, xy, xz, yz, ixx, iyy, izz, ixy, ixz, iyz = inertia
     hx = xx * p + xy * q + xz * r
     hy = xy * p + yy * q + yz * r
     hz = xz * p + yz * q + zz * r
-    L = L - q * hz + r * hy
-    M = M - r * hx + p * hz
-    N = N - p * hy + q * hx
+    L = L - dp * p - q * hz + r * hy
+    M = M - dq * q - r * hx + p * hz
+    N = N - dr * r - p * hy + q * hx
     return (
         ixx * L + ixy * M + ixz * N,
         ixy * L + iyy * M + iyz * N,
@@ -189,13 +194,13 @@ def step_rates(
     start, middle, end = torques
     p, q, r = rate
     half = 0.5 * step_s
-    a1, b1, c1 = euler_equation(rate, _damped(start, rate, damping), inertia)
+    a1, b1, c1 = euler_equation(rate, start, inertia, damping)
     second = (p + half * a1, q + half * b1, r + half * c1)
-    a2, b2, c2 = euler_equation(second, _damped(middle, second, damping), inertia)
+    a2, b2, c2 = euler_equation(second, middle, inertia, damping)
     third = (p + half * a2, q + half * b2, r + half * c2)
-    a3, b3, c3 = euler_equation(third, _damped(middle, third, damping), inertia)
+    a3, b3, c3 = euler_equation(third, middle, inertia, damping)
     fourth = (p + step_s * a3, q + step_s * b3, r + step_s * c3)
-    a4, b4, c4 = euler_equation(fourth, _damped(end, fourth, damping), inertia)
+    a4, b4, c4 = euler_equation(fourth, end, inertia, damping)
     sixth = step_s / 6.0
     final = (
         p + sixth * (a1 + a4 + 2.0 * (a2 + a3)),
@@ -203,14 +208,6 @@ def step_rates(
         r + sixth * (c1 + c4 + 2.0 * (c2 + c3)),
     )
     return final, (rate, second, third, fourth)
-
-
-def _damped(torque: Triple, rate: Triple, damping: Triple) -> Triple:
-    """Subtract the torque that a rotation meets."""
-    L, M, N = torque
-    p, q, r = rate
-    dp, dq, dr = damping
-    return L - dp * p, M - dq * q, N - dr * r
 
 
 def step_attitude(

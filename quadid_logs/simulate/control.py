@@ -21,15 +21,19 @@ from quadid_logs.vocabulary import GRAVITY_M_S2
 
 
 class Arithmetic(NamedTuple):
-    """Minimum and maximum for floats or for arrays: all that Python writes differently."""
+    """Minimum and maximum, of two and of a list: all that Python writes differently for floats and arrays."""
 
     lower: Callable[[Any, Any], Any]
     higher: Callable[[Any, Any], Any]
+    lowest: Callable[[list[Any]], Any]
+    highest: Callable[[list[Any]], Any]
 
 
 def arithmetic(n_flights: int) -> Arithmetic:
     """Return the arithmetic for one flight (floats) or for many (arrays)."""
-    return Arithmetic(_lower, _higher) if n_flights == 1 else Arithmetic(np.minimum, np.maximum)
+    if n_flights == 1:
+        return Arithmetic(_lower, _higher, min, max)
+    return Arithmetic(np.minimum, np.maximum, np.minimum.reduce, np.maximum.reduce)
 
 
 def _lower(one: float, other: float) -> float:
@@ -364,9 +368,7 @@ def mix(command: Triple, throttle: Component, mixer: Mixer, ops: Arithmetic) -> 
     allowed = _yaw_room(tilt, yaw, ops.lower(average, 0.5), mixer, ops)
     turned = ops.higher(ops.lower(yaw, allowed), -allowed)
     wanted = [t + y * turned for t, y in zip(tilt, mixer.yaw, strict=True)]
-    low = high = wanted[0]
-    for value in wanted[1:]:
-        low, high = ops.lower(low, value), ops.higher(high, value)
+    low, high = ops.lowest(wanted), ops.highest(wanted)
     scale = ops.lower(1.0 / ops.higher(high - low, 1.0), average / ops.higher(-low, 1e-9))
     # The lower bound on -low only avoids a division by zero: the ratio is then far above 1.
     scale = ops.lower(scale, 1.0)

@@ -87,8 +87,7 @@ def advance(state: State, targets: Rotors, wind: Triple, body: Body, external: E
     exact exponential response at its stages. The velocity by the trapezoid
     rule, with the drag of the period's beginning.
     """
-    drag, moment = _drag(state, wind, body)
-    moment = _plus(moment, external.torque)
+    drag, (L, M, N) = _drag(state, wind, body)
     middle_speeds, speeds = _spin(state.speeds, targets, body)
     middle, end = _wrench(middle_speeds, body), _wrench(speeds, body)
     # The moment of the rotors' angular momentum h along -z, -h' - w x h [N m], over one period. What rotors
@@ -99,7 +98,8 @@ def advance(state: State, targets: Rotors, wind: Triple, body: Body, external: E
         taken = taken + inertia * (speed - before)
         momentum = momentum + inertia * speed
     p, q, _ = state.rate
-    moment = _plus(moment, (q * momentum, -p * momentum, taken / body.step_s))
+    x, y, z = external.torque
+    moment = (L + x + q * momentum, M + y - p * momentum, N + z + taken / body.step_s)
     torques = (_plus(state.wrench.torque, moment), _plus(middle.torque, moment), _plus(end.torque, moment))
     rate, stages = step_rates(state.rate, torques, body.step_s, body.inertia, body.damping)
     attitude = step_attitude(state.attitude, stages, body.step_s)
@@ -129,12 +129,12 @@ def _spin(speeds: Rotors, targets: Rotors, body: Body) -> tuple[Rotors, Rotors]:
     """Let every speed approach its target exponentially: at half and at the whole step."""
     up_half, up = body.decay_up
     down_half, down = body.decay_down
-    middle, end = [], []
+    more_half, more, middle, end = down_half - up_half, down - up, [], []
     for speed, target in zip(speeds, targets, strict=True):
         gap = speed - target
         falling = gap > 0.0
-        middle.append(target + gap * (up_half + (down_half - up_half) * falling))
-        end.append(target + gap * (up + (down - up) * falling))
+        middle.append(target + gap * (up_half + more_half * falling))
+        end.append(target + gap * (up + more * falling))
     return tuple(middle), tuple(end)
 
 

@@ -36,7 +36,7 @@ def batches(line_rms: float, seed: int = 0) -> Signal:
 
 @pytest.fixture(scope="module")
 def flown() -> FlightLog:
-    return simulate("hover", seed=1, duration_s=40.0, rate_hz=100.0, autopilot="ardupilot").log
+    return simulate("hover", seed=1, duration_s=20.0, rate_hz=100.0, autopilot="ardupilot").log
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from quadid_logs.report.tune_view import tune_view
 from quadid_logs.tuning import recommend
 from tests.analyses import Analyzed
 from tests.autopilots.test_betaflight_controller import HOVER, STICKS, true_plant
-from tests.tuned_flights import with_log
+from tests.tuned_flights import stiff, with_log
 
 #: The flight has 47 degrees: with 45 to keep P and I go apart, with less to keep all gains go up together.
 BEARABLE = Limits(6.0, 40.0, 0.6)
@@ -33,7 +33,7 @@ HEADER = {"p_roll": 45.0, "i_roll": 80.0, "d_roll": 30.0}
 
 @pytest.fixture(scope="module")
 def sticks(corpus: Path, analyzed: Analyzed) -> Result:
-    return analyzed(corpus / "firmware" / STICKS)
+    return stiff(analyzed(corpus / "firmware" / STICKS))
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ import pytest
 from quadid_logs.cli import main
 from quadid_logs.load import read_log
 from tests.containers import usd_maker as maker
+from tests.synthetic_results import synthetic_prediction
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +21,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a plan for roll and yaw."""
     path = tmp_path_factory.mktemp("plan")
     arguments = ["--autopilot", "crazyflie", "--axis", "roll", "--axis", "yaw", "-o", str(path / "p")]
-    assert main(["plan", *arguments]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("quadid_logs.planning.predict", lambda *_a: synthetic_prediction())
+        assert main(["plan", *arguments]) == 0
     return path / "p"
 
 

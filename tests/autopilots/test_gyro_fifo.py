@@ -26,7 +26,7 @@ RATE_HZ, LINE_HZ = 2000.0, 613.7
 
 @pytest.fixture(scope="module")
 def flown() -> FlightLog:
-    return simulate("hover", seed=1, duration_s=40.0, rate_hz=100.0, autopilot="px4").log
+    return simulate("hover", seed=1, duration_s=20.0, rate_hz=100.0, autopilot="px4").log
 
 
 @pytest.fixture(scope="module")

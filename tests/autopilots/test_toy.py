@@ -67,7 +67,7 @@ def toy_log(log: FlightLog) -> str:
 @pytest.fixture(scope="module")
 def flight() -> Simulation:
     """Fly a flight with known truth."""
-    return simulate("sysid-quad-x", seed=3, duration_s=40.0, rate_hz=100.0)
+    return simulate("sysid-quad-x", seed=3, duration_s=25.0, rate_hz=100.0)
 
 
 @pytest.fixture(scope="module")

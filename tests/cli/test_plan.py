@@ -14,6 +14,7 @@ from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.planning import Prediction, make_plan, predict
 from quadid_logs.report.plan import card_lines, excitation_lines, live_files, parameter_files, settings_lines
 from quadid_logs.simulate.sweep import Sweep, sweep_wave
+from tests.synthetic_results import synthetic_prediction
 
 pytestmark = pytest.mark.usefixtures("quick_multisines")
 
@@ -140,9 +141,10 @@ def test_no_multirotor_is_planned_for_by_the_log_of_a_plane(
 
 
 def test_a_plan_like_a_log_without_a_model_says_whose_model_it_is_computed_for(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The card spoke of the model of the log, of which there was none."""
+    monkeypatch.setattr("quadid_logs.planning.predict", lambda *_a: synthetic_prediction())
     like = ["--like", "sample_logs/default-logging.bin", "-o", str(tmp_path / "plan")]
     assert main(["plan", "--axis", "roll", *like]) == 0
     printed = capsys.readouterr().out

@@ -29,10 +29,11 @@ from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.planning import make_plan, predict
 from quadid_logs.report.model_files import model_bytes, model_formats_of
 from quadid_logs.report.next_flight import next_steps
 from quadid_logs.vehicle_file import read_vehicle
+from tests.synthetic_results import synthetic_prediction
+from tests.tuned_flights import stiff
 
 pytestmark = pytest.mark.usefixtures("quick_multisines")
 
@@ -148,12 +149,12 @@ def lay_out(folder: Path) -> None:
 def quick() -> Iterator[None]:
     """Analyze each log once, whatever commands do it; leave out what prints no command."""
     results: dict[tuple[bytes, Settings, bool], Result] = {}
-    analyze, card = pipeline.analyze, predict(make_plan("ardupilot", ["yaw"]))
+    analyze, card = pipeline.analyze, synthetic_prediction()
 
     def once(log: Path, settings: Settings, *, vehicle: Vehicle | None = None, **_k: object) -> Result:
         key = (Path(log).read_bytes(), settings, vehicle is not None)
         if key not in results:
-            results[key] = analyze(log, settings, vehicle=vehicle)
+            results[key] = stiff(analyze(log, settings, vehicle=vehicle))
         result = results[key]
         return replace(result, log=replace(result.log, path=str(log)), vehicle=vehicle)
 

@@ -19,7 +19,7 @@ from quadid_logs.serve.entries import Kind
 from quadid_logs.serve.jobs import Job, do
 from quadid_logs.vocabulary import AXES
 from tests.containers import blackbox_maker as maker
-from tests.synthetic_results import usable_result
+from tests.synthetic_results import synthetic_prediction, usable_result
 
 
 def log(n_frames: int, day: int = 1) -> bytes:
@@ -74,6 +74,7 @@ def test_every_verb_takes_the_longest_log_and_says_so(
 ) -> None:
     """All but `analyze` ended with exit code 2."""
     monkeypatch.chdir(file.parent)
+    monkeypatch.setattr("quadid_logs.planning.predict", lambda *_a: synthetic_prediction())
     main([str(file) if word == "FILE" else word for word in verb])
     assert "two.bbl holds 2 logs. Log 2, the longest" in capsys.readouterr().err
 

@@ -28,6 +28,9 @@ INTACT = [
     "real/ac32dev-quad-handrotated-52s.tlog",
 ]
 DAMAGED = "damaged/sitl-flightlogs-bad-packets-4MB.tlog"
+#: Of longer logs the reference reader, which takes a second per megabyte, sees the beginning only: it holds
+#: every type of message that the logs hold, and all damage but two bytes.
+_MOST_BYTES = 1_000_000
 
 
 def reference_messages(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, list]:
@@ -41,6 +44,14 @@ def reference_messages(path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str,
         found[message.get_type()].append(message)
     connection.close()
     return found
+
+
+def beginning(log: Path, folder: Path) -> Path:
+    """Return a log of no more than the first bytes of another."""
+    path = folder / log.name
+    with log.open("rb") as file:
+        path.write_bytes(file.read(_MOST_BYTES))
+    return path
 
 
 def plain(value: object) -> object:
@@ -68,11 +79,12 @@ def rolls(path: Path) -> list[float]:
 @pytest.mark.corpus
 @pytest.mark.parametrize("corpus_log", INTACT, indirect=True)
 def test_every_field_of_every_message_equals_pymavlink(
-    corpus_log: Path, monkeypatch: pytest.MonkeyPatch
+    corpus_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On intact logs no value of any message differs from the reference reader's."""
-    ours = tlog.read_messages(corpus_log)
-    reference = reference_messages(corpus_log, monkeypatch)
+    path = beginning(corpus_log, tmp_path)
+    ours = tlog.read_messages(path)
+    reference = reference_messages(path, monkeypatch)
     assert set(ours) == set(reference)
     for name, messages in reference.items():
         rows = ours[name].rows
@@ -99,11 +111,12 @@ def test_an_intact_log_has_no_lost_bytes(corpus_log: Path) -> None:
 @pytest.mark.corpus
 @pytest.mark.parametrize("corpus_log", [DAMAGED], indirect=True)
 def test_at_least_as_many_messages_are_kept_as_by_pymavlink(
-    corpus_log: Path, monkeypatch: pytest.MonkeyPatch
+    corpus_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On the damaged log no type has fewer messages than the reference reader's."""
-    ours = tlog.read_messages(corpus_log)
-    for name, messages in reference_messages(corpus_log, monkeypatch).items():
+    path = beginning(corpus_log, tmp_path)
+    ours = tlog.read_messages(path)
+    for name, messages in reference_messages(path, monkeypatch).items():
         if name != "BAD_DATA" and not name.startswith("UNKNOWN"):
             assert len(ours[name].rows) >= len(messages), name
     assert read_log(corpus_log).lost

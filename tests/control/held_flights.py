@@ -34,13 +34,13 @@ _QUIET: Final = Noise(
 )
 
 
-def setup(autopilot: str, hold: PositionHold, *, seconds: float = 30.0, scenario: str = "hover") -> Setup:
+def setup(autopilot: str, hold: PositionHold, *, seconds: float = 20.0, scenario: str = "hover") -> Setup:
     """Return a flight of a path in calm air without noise."""
     first = plan_flights(SCENARIOS[scenario], seed=3, duration_s=seconds, rate_hz=400, autopilot=autopilot)[0]
     return dataclasses.replace(first, position=hold, noise=_QUIET)
 
 
-def flown(autopilot: str, hold: PositionHold, *, seconds: float = 30.0, scenario: str = "hover") -> Record:
+def flown(autopilot: str, hold: PositionHold, *, seconds: float = 20.0, scenario: str = "hover") -> Record:
     return fly(setup(autopilot, hold, seconds=seconds, scenario=scenario))
 
 
@@ -48,7 +48,7 @@ def logged(record: Record) -> FlightLog:
     return log_flights((record,), Logging())
 
 
-def log_of(autopilot: str, *, scenario: str = "hover", seconds: float = 30.0) -> FlightLog:
+def log_of(autopilot: str, *, scenario: str = "hover", seconds: float = 20.0) -> FlightLog:
     """Return the log of a flight with the firmware's own gains."""
     return logged(flown(autopilot, HOLDS[autopilot], scenario=scenario, seconds=seconds))
 

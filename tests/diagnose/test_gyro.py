@@ -214,7 +214,7 @@ def test_without_attitude_there_is_no_check() -> None:
 
 def test_the_lag_of_the_gyro_filter_is_found_in_a_simulated_flight() -> None:
     """Two poles at 40 Hz delay slow motion by sqrt(2) / (2 pi 40 Hz): 5.6 ms."""
-    check = checked(align(simulate("doublets", seed=3).log, AlignSettings()))
+    check = checked(align(simulate("doublets", seed=3, duration_s=30.0).log, AlignSettings()))
     assert check.lag_s == pytest.approx(np.sqrt(2.0) / (2.0 * np.pi * 40.0), abs=0.0005)
     assert np.abs(check.matrix - np.eye(3)).max() < 0.005
 

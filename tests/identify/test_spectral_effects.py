@@ -5,12 +5,15 @@ The flights are integrated here, sample by sample, and share nothing with the pa
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
+from operator import mul
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.model import SpectralFit
@@ -31,30 +34,40 @@ TO_THRUST = np.linalg.pinv(PER_THRUST)
 #: Thrust of a rotor in hover, in the unit of the torques.
 HOVER = 2.0
 
-Loss = Callable[[np.ndarray], np.ndarray]
+#: In plain floats: sample by sample, numpy takes several times as long.
+Torque = Sequence[float]
+Loss = Callable[[Torque], Torque]
+_TO_TORQUES, _TO_THRUSTS = PER_THRUST.tolist(), TO_THRUST.tolist()
 
 
-def _as_commanded(torque: np.ndarray) -> np.ndarray:
+def _clipped(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
+
+
+def _product(rows: Sequence[Sequence[float]], values: Sequence[float]) -> list[float]:
+    return [sum(map(mul, row, values)) for row in rows]
+
+
+def _as_commanded(torque: Torque) -> Torque:
     return torque
 
 
-def _dead(torque: np.ndarray) -> np.ndarray:
+def _dead(torque: Torque) -> Torque:
     """Nothing below 0.012, taken off any larger torque."""
-    return torque - np.clip(torque, -0.012, 0.012)
+    return [one - _clipped(one, 0.012) for one in torque]
 
 
-def _dead_rotors(torque: np.ndarray) -> np.ndarray:
+def _dead_rotors(torque: Torque) -> Torque:
     """Each rotor ignores 0.02 of its command."""
-    rotors = TO_THRUST @ torque
-    return PER_THRUST @ (rotors - np.clip(rotors, -0.02, 0.02))
+    return _product(_TO_TORQUES, [one - _clipped(one, 0.02) for one in _product(_TO_THRUSTS, torque)])
 
 
-def _limited(torque: np.ndarray) -> np.ndarray:
-    return np.clip(torque, -0.045, 0.045)
+def _limited(torque: Torque) -> Torque:
+    return [_clipped(one, 0.045) for one in torque]
 
 
-def _limited_pitch(torque: np.ndarray) -> np.ndarray:
-    return np.where([False, True, False], np.clip(torque, -0.03, 0.03), torque)
+def _limited_pitch(torque: Torque) -> Torque:
+    return [torque[0], _clipped(torque[1], 0.03), torque[2]]
 
 
 def _fly(
@@ -78,31 +91,41 @@ def _fly(
     goes with their speed squared.
     """
     rng, n = np.random.default_rng(seed), 12000
-    worth = np.ones(n) if worth is None else worth
+    worths = [1.0] * n if worth is None else worth.tolist()
     steps = np.repeat(rng.uniform(-1.0, 1.0, (n // 60, 3)), 60, axis=0) * 0.15
     keep = np.exp(-PERIOD_S * air_rad_s)
-    fresh, air = np.sqrt(1.0 - keep**2) * rng.standard_normal((n, 3)), np.zeros((n + 1, 3))
-    for row in range(n):
-        air[row + 1] = keep * air[row] + fresh[row]
-    gust = gusts * air[1:] * np.array([1.0, 1.0, 0.1])
-    lead, pace, level = 12.0 / GAIN, PERIOD_S / LAG_S, np.array([1.0, 1.0, 0.0])
-    rate, angle, thrust = np.zeros(3), np.zeros(3), np.zeros(3)
-    speed, over_ground = np.full(4, np.sqrt(HOVER)), np.zeros(3)
-    torque, rates, setpoints = (np.empty((n, 3)) for _ in range(3))
-    for row in range(n):
-        setpoint = ANGLE_GAIN * (steps[row] - angle)
-        command = lead * (setpoint - rate)
-        rates[row], setpoints[row], torque[row] = rate, setpoint, command
+    fresh = np.sqrt(1.0 - keep**2) * rng.standard_normal((n, 3))
+    gust = gusts * lfilter([1.0], [1.0, -keep], fresh, axis=0) * np.array([1.0, 1.0, 0.1])
+    lead, pace = (12.0 / GAIN).tolist(), PERIOD_S / LAG_S
+    gains, dampings, leveled = GAIN.tolist(), DAMPING.tolist(), (1.0, 1.0, 0.0)
+    rate = angle = thrust = over_ground = [0.0, 0.0, 0.0]
+    speed = [math.sqrt(HOVER)] * 4
+    rate_rows, setpoint_rows, torque_rows = [], [], []
+    for step, blow, share in zip(steps.tolist(), gust.tolist(), worths, strict=True):
+        setpoint = [ANGLE_GAIN * (to - at) for to, at in zip(step, angle, strict=True)]
+        command = [k * (to - at) for k, to, at in zip(lead, setpoint, rate, strict=True)]
+        rate_rows.append(rate)
+        setpoint_rows.append(setpoint)
+        torque_rows.append(command)
         if spin_down == 1.0:
-            thrust = thrust + pace * (loss(command) - thrust)
+            thrust = [one + pace * (to - one) for one, to in zip(thrust, loss(command), strict=True)]
         else:
-            lacking = np.sqrt(np.maximum(HOVER + TO_THRUST @ loss(command), 0.0)) - speed
-            speed = speed + pace / np.where(lacking > 0.0, 1.0, spin_down) * lacking
-            thrust = PER_THRUST @ speed**2
-        over_ground = over_ground + PERIOD_S * (9.81 * angle - 0.3 * over_ground)
-        pull = (tilt_1_s2 * angle - per_speed * over_ground) * level
-        rate = rate + PERIOD_S * (worth[row] * GAIN * thrust + DAMPING * rate + pull + gust[row])
-        angle = angle + PERIOD_S * rate
+            for place, lift in enumerate(_product(_TO_THRUSTS, loss(command))):
+                lacking = math.sqrt(max(HOVER + lift, 0.0)) - speed[place]
+                speed[place] += pace / (1.0 if lacking > 0.0 else spin_down) * lacking
+            thrust = _product(_TO_TORQUES, [one * one for one in speed])
+        if per_speed:
+            over_ground = [
+                v + PERIOD_S * (9.81 * a - 0.3 * v) for v, a in zip(over_ground, angle, strict=True)
+            ]
+        rate = [
+            w + PERIOD_S * (share * B * one + A * w + (tilt_1_s2 * a - per_speed * v) * level + air)
+            for w, B, one, A, a, v, level, air in zip(
+                rate, gains, thrust, dampings, angle, over_ground, leveled, blow, strict=True
+            )
+        ]
+        angle = [a + PERIOD_S * w for a, w in zip(angle, rate, strict=True)]
+    rates, setpoints, torque = (np.array(rows) for rows in (rate_rows, setpoint_rows, torque_rows))
     turned = np.vstack([np.zeros(3), PERIOD_S * np.cumsum(rates, axis=0)[:-1]])
     return FlightData(
         sample_period_s=PERIOD_S,
@@ -128,15 +151,27 @@ def _fly(
 
 
 @cache
-def _flown(seed: int, loss: Loss = _as_commanded, gusts: float = 0.6) -> FlightData:
+def _flown(seed: int, loss: Loss = _as_commanded, **air: float) -> FlightData:
     """Return a flight that several tests look at, flown once."""
-    return _fly(seed, loss, gusts=gusts)
+    return _fly(seed, loss, **air)  # type: ignore[arg-type]
 
 
 @cache
-def _fits(seed: int, loss: Loss = _as_commanded) -> tuple[SpectralFit, ...]:
+def _fits(seed: int, loss: Loss = _as_commanded, **air: float) -> tuple[SpectralFit, ...]:
     """Return what is found in one of them, worked out once."""
-    return fit_by_spectra(_flown(seed, loss))
+    return fit_by_spectra(_flown(seed, loss, **air))
+
+
+@cache
+def _told_beside_asymmetry() -> tuple[tuple[SpectralFit, ...], tuple[SpectralFit, ...]]:
+    """Return what is found beside rotors that slow down late, and beside a known effect of them."""
+    data = _fly(3, gusts=0.3, spin_down=2.5)
+    solution = solve_flight(data)
+    assert solution is not None
+    told = average_over_effects(solution, data)
+    # The effects that were found are taken out of these axes, as if their size were known.
+    known, _ = fit_axes(solution.axes)
+    return tuple(told), tuple(known)
 
 
 def _holds(fit: SpectralFit, axis: int) -> bool:
@@ -215,14 +250,14 @@ def test_a_moment_of_the_speed_leaves_the_effectiveness_where_it_is(per_speed: f
 
 def test_where_no_moment_of_the_speed_is_seen_low_frequencies_count() -> None:
     """They tell the effectiveness to a tenth of what it is with such a moment, or less."""
-    calm, pitched_up = (fit_by_spectra(_fly(2, gusts=0.2, per_speed=each))[0] for each in (0.0, 9.0))
+    calm, pitched_up = (_fits(2, gusts=0.2, per_speed=each)[0] for each in (0.0, 9.0))
     assert calm.half_width < 0.06 * GAIN[0]
     assert calm.half_width < pitched_up.half_width
 
 
 def test_a_fit_in_time_is_told_of_moments_that_it_knows_nothing_of() -> None:
     """By a third of what they widen the interval of the spectra, or more; without them of next to nothing."""
-    calm, pitched_up = (fit_by_spectra(_fly(2, gusts=0.2, per_speed=each))[0] for each in (0.0, 9.0))
+    calm, pitched_up = (_fits(2, gusts=0.2, per_speed=each)[0] for each in (0.0, 9.0))
     wider = np.sqrt(pitched_up.half_width**2 - calm.half_width**2) / pitched_up.gain
     assert calm.by_effects < 0.25 * wider
     assert wider / 3.0 < pitched_up.by_effects < 2.0 * wider
@@ -231,14 +266,14 @@ def test_a_fit_in_time_is_told_of_moments_that_it_knows_nothing_of() -> None:
 @pytest.mark.parametrize("seed", [0, thorough(1)])
 def test_rotors_that_slow_down_late_are_taken_for_that(seed: int) -> None:
     """Three times as slowly as they speed up: no dead zone explains it, and the truth is inside."""
-    fits = fit_by_spectra(_fly(seed, spin_down=3.0))
+    fits = _fits(seed, spin_down=3.0)
     assert all(set(fits[axis].effects) == {"asymmetry"} for axis in (0, 1))
     assert all(_holds(fits[axis], axis) for axis in range(3))
 
 
 def test_rotors_whose_thrust_is_not_known_are_not_asked_how_they_slow_down() -> None:
     """Torques alone do not tell which rotors slow down."""
-    data = replace(_fly(0, spin_down=3.0), input=None)
+    data = replace(_flown(0, spin_down=3.0), input=None)
     assert not any("asymmetry" in fit.effects for fit in fit_by_spectra(data))
 
 
@@ -366,11 +401,12 @@ _AT_LIFT = float(_command_of(np.array(_LIFT)))
 _SLOPES = 1.0 - _BELIEVED + 2.0 * _BELIEVED * _AT_LIFT, 1.0 - _TRUE + 2.0 * _TRUE * _AT_LIFT
 
 
-def _bent(torque: np.ndarray) -> np.ndarray:
+def _bent(torque: Torque) -> Torque:
     """Make the torque with propellers of another curve, whose thrust in hover has the same slope."""
     command = _command_of(_LIFT + TO_THRUST @ torque)
     thrust = (1.0 - _TRUE) * command + _TRUE * command**2
-    return PER_THRUST @ thrust * _SLOPES[0] / _SLOPES[1]
+    made: list[float] = (PER_THRUST @ thrust * _SLOPES[0] / _SLOPES[1]).tolist()
+    return made
 
 
 def _with_curve(data: FlightData) -> FlightData:
@@ -429,12 +465,7 @@ def test_what_slow_air_hides_says_nothing_about_the_response() -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_the_moments_of_an_effect_tell_its_size_and_no_lag(axis: int) -> None:
     """Beside an effect of unknown size lag and effectiveness are known no better than beside a known one."""
-    data = _fly(3, gusts=0.3, spin_down=2.5)
-    solution = solve_flight(data)
-    assert solution is not None
-    told = average_over_effects(solution, data)
+    told, known = _told_beside_asymmetry()
     assert told[axis].effects == ("asymmetry",)
-    # The effects that were found are taken out of these axes, as if their size were known.
-    known, _ = fit_axes(solution.axes)
     for of in (0, 2):
         assert told[axis].covariance[of, of] >= 0.999 * known[axis].covariance[of, of]

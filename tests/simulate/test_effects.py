@@ -27,7 +27,7 @@ from quadid_logs.simulate.logger import Logging, log_flights
 from quadid_logs.simulate.plant import advance, at_rest
 from quadid_logs.simulate.truth import actuator_truth, flight_truth, torque_per_command
 from tests.marks import thorough
-from tests.simulate.test_closed_loop import SILENT, SLOW_HZ, body_of, manoeuvre, setup_of
+from tests.simulate.test_closed_loop import SILENT, body_of, manoeuvre, setup_of
 
 ALL = Effects(
     disturbance_rad_s2=(1.0, 1.2, 0.4),
@@ -92,8 +92,9 @@ def test_slow_disturbances_are_the_largest():
 def test_disturbances_turn_the_vehicle_beside_its_torque():
     """What the recorded torque leaves of the recorded rate is the disturbance."""
     frame = dataclasses.replace(quad_x(), drag_n_s_m=0.0, drag_area_m2=0.0)
+    effects = Effects(disturbance_rad_s2=(1.3, 1.0, 0.4))
     record = fly(
-        setup_of("hover", airframe=frame, noise=SILENT, effects=Effects(disturbance_rad_s2=(1.3, 1.0, 0.4)))
+        setup_of("hover", duration_s=20.0, rate_hz=400.0, airframe=frame, noise=SILENT, effects=effects)
     )
     rate, torque = record.channels["rate"], record.channels["torque"]
     gyroscopic = np.cross(rate, rate @ frame.inertia_kg_m2)
@@ -217,7 +218,7 @@ def test_with_another_expo_in_the_firmware_the_true_gain_is_still_the_linearised
 @pytest.mark.parametrize(("autopilot", "name"), [("ardupilot", "MOT_THST_EXPO"), ("px4", "THR_MDL_FAC")])
 def test_a_firmware_with_another_expo_says_so_in_its_parameters(autopilot, name):
     """What the log holds is what the firmware is set to, not what the propellers have."""
-    record = fly(setup_of("hover", autopilot=autopilot, effects=Effects(firmware_expo=0.2), duration_s=15.0))
+    record = fly(setup_of("hover", autopilot=autopilot, effects=Effects(firmware_expo=0.2)))
     assert log_flights((record,), Logging()).parameters[name] == pytest.approx(0.2)
 
 
@@ -246,7 +247,7 @@ def test_the_gyro_sees_the_body_s_rate_and_a_part_of_the_mode_s(frequency_hz, ga
 
 def test_late_torque_is_that_of_so_much_earlier():
     """The rates of the same message are not late."""
-    setup = setup_of("sysid-quad-x", duration_s=15.0)
+    setup = setup_of("sysid-quad-x", rate_hz=400.0)
     prompt, late = (
         log_flights((fly(dataclasses.replace(setup, effects=effects)),), Logging())
         for effects in (Effects(), Effects(torque_late_s=0.02))
@@ -268,7 +269,7 @@ def test_so_many_samples_are_absurd_and_no_other_changes():
 def test_a_log_without_setpoints_has_everything_else():
     """What is missing are the rate set-points alone."""
     whole, without = (
-        log_flights((fly(setup_of("hover", duration_s=15.0, autopilot="px4", effects=effects)),), Logging())
+        log_flights((fly(setup_of("hover", autopilot="px4", effects=effects)),), Logging())
         for effects in (Effects(), Effects(setpoints_logged=False))
     )
     assert set(whole.signals) - set(without.signals) == {"body_rate_setpoint"}
@@ -277,7 +278,7 @@ def test_a_log_without_setpoints_has_everything_else():
 def test_the_truth_names_the_effects_that_are_present():
     """With their values, ready for JSON; of a flight without effects, none."""
     every = dataclasses.replace(ALL, motor_fault=1, bent_propeller=2, mass_offset=(0.01, 0.0), desync_rotor=3)
-    record = fly(setup_of("sysid-quad-x", duration_s=15.0, effects=every))
+    record = fly(setup_of("sysid-quad-x", effects=every))
     truth = flight_truth((record,), scenario="all", boot_s=0.0)
     assert set(json.loads(json.dumps(truth, allow_nan=False))["effects"]) == set(FIELDS)
     assert truth["effects"]["dead zone"] == {"dead_zone": 0.01}
@@ -295,7 +296,7 @@ def test_a_batch_with_effects_flies_what_its_members_fly_alone():
     fine = dataclasses.replace(SILENT, gyro_resolution_rad_s=1e-9)
     other = Effects(sling_load_fraction=0.15, flexible_mode_hz=9.0)
     setups = [
-        setup_of("sysid-quad-x", seed=seed, duration_s=15.0, rate_hz=SLOW_HZ, noise=fine, effects=effects)
+        setup_of("sysid-quad-x", seed=seed, noise=fine, effects=effects)
         for seed, effects in enumerate((ALL, Effects(), other))
     ]
     together = fly_many(setups)

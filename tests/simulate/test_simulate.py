@@ -15,21 +15,21 @@ from quadid_logs.simulate.control import throttle_for_thrust
 
 @pytest.fixture(scope="module")
 def quad():
-    """The good flight, 30 s of it."""
-    return simulate("sysid-quad-x", seed=5, duration_s=30.0)
+    """The good flight, 15 s of it."""
+    return simulate("sysid-quad-x", seed=5, duration_s=15.0)
 
 
 @pytest.fixture(scope="module")
 def px4():
     """The same flight with the other autopilot."""
-    return simulate("sysid-quad-x", seed=5, duration_s=30.0, autopilot="px4")
+    return simulate("sysid-quad-x", seed=5, duration_s=15.0, autopilot="px4")
 
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("flown_each_time")
 def test_the_same_seed_logs_the_same_flight(quad):
     """Every series of every signal, bit for bit, and the same truth."""
-    again = simulate("sysid-quad-x", seed=5, duration_s=30.0)
+    again = simulate("sysid-quad-x", seed=5, duration_s=15.0)
     for name, signals in quad.log.signals.items():
         for one, other in zip(signals, again.log.signals[name], strict=True):
             assert np.array_equal(one.values, other.values)
@@ -38,11 +38,11 @@ def test_the_same_seed_logs_the_same_flight(quad):
 
 
 def test_rate_and_duration_are_honoured():
-    """A log of 20 s at 250 Hz has rows 4 ms apart and ends after 20 s."""
-    log = simulate("sysid-quad-x", duration_s=20.0, rate_hz=250.0).log
+    """A log of 16 s at 250 Hz has rows 4 ms apart and ends after 16 s."""
+    log = simulate("sysid-quad-x", duration_s=16.0, rate_hz=250.0).log
     time = log.signals["torque_command"][0].time_s
     assert np.median(np.diff(time)) == pytest.approx(0.004, abs=2e-5)
-    assert time[-1] - 31.0 == pytest.approx(20.0, abs=0.01)
+    assert time[-1] - 31.0 == pytest.approx(16.0, abs=0.01)
 
 
 @pytest.mark.parametrize(("autopilot", "rate_hz"), [("ardupilot", 10.0), ("px4", 50.0)])
@@ -115,7 +115,7 @@ def test_signals_of_one_message_have_the_same_rows(quad):
 
 def test_a_clock_that_is_set_back_leaves_the_rows_in_order():
     """Times fall by 20 s once; positions go on rising."""
-    log = simulate("clock-jump", duration_s=30.0).log
+    log = simulate("clock-jump", duration_s=15.0).log
     rate = log.signals["body_rate"][0]
     falls = np.flatnonzero(np.diff(rate.time_s) < 0.0)
     assert falls.size == 1
@@ -125,7 +125,7 @@ def test_a_clock_that_is_set_back_leaves_the_rows_in_order():
 
 def test_two_flights_arm_twice():
     """The log has two take-offs, and the truth two segments."""
-    simulation = simulate("two-flights", duration_s=40.0)
+    simulation = simulate("two-flights", duration_s=30.0)
     armed = simulation.log.signals["armed"][0].values[:, 0]
     assert np.count_nonzero(np.diff(armed) > 0) == 2
     assert len(simulation.truth["segments_s"]) == 2
@@ -141,11 +141,11 @@ def test_a_late_log_finds_the_vehicle_armed(autopilot):
 
 def test_dropped_rows_are_counted():
     """What is missing in the log is what `n_dropped` says."""
-    log = simulate("dropouts", duration_s=30.0).log
+    log = simulate("dropouts", duration_s=15.0).log
     times = log.signals["body_rate"][0].time_s
     assert log.n_dropped > 0
     assert np.diff(times).max() > 0.008
-    expected = (30.0 - 4.0) * 400.0
+    expected = (15.0 - 4.0) * 400.0
     assert 0.9 * expected < times.size < expected
 
 

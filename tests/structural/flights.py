@@ -92,14 +92,20 @@ def fly(flights: list[Effects], *, seed: int = 0) -> list[Flight]:
     proportional = 0.3 / (lag_s + _STEP_S * behind) * np.array([1.0, 1.0, 0.5])
     limit = np.where(has["limit"] > 0.0, has["limit"], np.inf) * np.array([1.0, 1.0, np.inf])
     omega, bends = 2.0 * np.pi * has["mode_hz"], 0.4 * (has["mode_hz"] > 0.0)
+    by_rotors = has["up_s"] > 0.0
+    up, down = (-np.expm1(-_STEP_S / np.maximum(has[name], 1e-3)) for name in ("up_s", "down_s"))
+    gains = [has["gain"] * (1.0 + sign * has["alternating"]) for sign in (1.0, -1.0)]
     gust_step = has["gust_rad_s2"] * np.array([1.0, 1.0, 0.3]) * np.sqrt(1.0 - fade**2)
     rate, angle, torque, total, gust, seen, bent, bend_rate = (np.zeros((n, 3)) for _ in range(8))
     swing, swing_rate = np.zeros((n, 2)), np.zeros((n, 2))
     thrust, command = np.zeros((n, 4)), np.zeros((n, 3))
     sent = np.zeros((8, n, 3))
     logged: dict[str, list[np.ndarray]] = {name: [] for name in ("rate", "setpoint", "torque", "attitude")}
-    for k, now_s in enumerate(time_s):
-        seen = seen + 0.5 * (rate + bend_rate + 0.004 * rng.standard_normal((n, 3)) - seen)
+    products = np.empty((n, 3))
+    for k, (now_s, (noise, air)) in enumerate(
+        zip(time_s, rng.standard_normal((time_s.size, 2, n, 3)), strict=True)
+    ):
+        seen = seen + 0.5 * (rate + bend_rate + 0.004 * noise - seen)
         if k % 2 == 0:
             setpoint = wanted[k] - angle * np.array([2.0, 2.0, 0.0])
             total = total + 1.2 * proportional * (setpoint - seen) * 2.0 * _STEP_S
@@ -110,23 +116,28 @@ def fly(flights: list[Effects], *, seed: int = 0) -> list[Flight]:
         sent[k % 8] = command
         given = sent[(k - behind) % 8]
         given = np.sign(given) * np.maximum(np.abs(given) - has["dead_zone"], 0.0)
-        given = np.clip(given, -limit, limit)
-        lacking = given @ _MIXER.T - thrust
-        spin_s = np.where(lacking > 0.0, has["up_s"], has["down_s"])
-        thrust = thrust + lacking * -np.expm1(-_STEP_S / np.maximum(spin_s, 1e-3))
-        torque = np.where(has["up_s"] > 0.0, thrust @ _MIXER / 4.0, given + (torque - given) * decay)
-        gust = fade * gust + gust_step * rng.standard_normal((n, 3))
-        gain = has["gain"] * (1.0 + has["alternating"] * (1.0 if now_s % 5.0 < 2.5 else -1.0))
+        given = np.minimum(np.maximum(given, -limit), limit)
+        torque = given + (torque - given) * decay
+        if by_rotors.any():
+            lacking = given @ _MIXER.T - thrust
+            thrust = thrust + lacking * np.where(lacking > 0.0, up, down)
+            torque = np.where(by_rotors, thrust @ _MIXER / 4.0, torque)
+        gust = fade * gust + gust_step * air
+        gain = gains[0] if now_s % 5.0 < 2.5 else gains[1]
         p, q, r = rate.T
         acceleration = gain * true_gain * torque - damping * rate + gust
-        acceleration += gyroscopic * np.column_stack([q * r, p * r, p * q])
+        products[:, 0], products[:, 1], products[:, 2] = q * r, p * r, p * q
+        acceleration += gyroscopic * products
         acceleration[:, :2] += has["tilt_1_s2"] * angle[:, :2]
-        # The load falls back below the hook, which goes where thrust is tilted to and the string pulls.
-        swing_rate = swing_rate - _STEP_S * (9.81 * (1.15 * swing + angle[:, :2]) + 0.3 * swing_rate)
-        swing = swing + _STEP_S * swing_rate
-        acceleration[:, :2] -= has["sling_1_s2"] * (angle[:, :2] + swing)
-        bend_rate = bend_rate + _STEP_S * (bends * acceleration - 0.1 * omega * bend_rate - omega**2 * bent)
-        bent = bent + _STEP_S * bend_rate
+        if has["sling_1_s2"].any():
+            # The load falls back below the hook, which goes where thrust is tilted to and the string pulls.
+            swing_rate = swing_rate - _STEP_S * (9.81 * (1.15 * swing + angle[:, :2]) + 0.3 * swing_rate)
+            swing = swing + _STEP_S * swing_rate
+            acceleration[:, :2] -= has["sling_1_s2"] * (angle[:, :2] + swing)
+        if bends.any():
+            pulled = bends * acceleration - 0.1 * omega * bend_rate - omega**2 * bent
+            bend_rate = bend_rate + _STEP_S * pulled
+            bent = bent + _STEP_S * bend_rate
         rate = rate + _STEP_S * acceleration
         angle = angle + _STEP_S * _angle_rate(angle, rate)
     series = {name: np.array(values) for name, values in logged.items()}
@@ -143,10 +154,15 @@ def fly(flights: list[Effects], *, seed: int = 0) -> list[Flight]:
 def _angle_rate(angle: np.ndarray, rate: np.ndarray) -> np.ndarray:
     phi, theta, _ = angle.T
     p, q, r = rate.T
-    turn = np.sin(phi) * q + np.cos(phi) * r
-    return np.column_stack(
-        [p + turn * np.tan(theta), np.cos(phi) * q - np.sin(phi) * r, turn / np.cos(theta)]
+    sine, cosine = np.sin(phi), np.cos(phi)
+    turn = sine * q + cosine * r
+    turned = np.empty(angle.shape)
+    turned[:, 0], turned[:, 1], turned[:, 2] = (
+        p + turn * np.tan(theta),
+        cosine * q - sine * r,
+        turn / np.cos(theta),
     )
+    return turned
 
 
 def _manoeuvre(name: str, time_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -19,7 +19,7 @@ def logs(
 ) -> tuple[FlightLog, FlightLog]:
     """Return a flight that holds positions, as simulated and as read from its file."""
     autopilot, name = request.param
-    log = log_of(autopilot, seconds=20.0)
+    log = log_of(autopilot)
     path: Path = tmp_path_factory.mktemp("positions") / name
     write_log(log, path)
     return log, read_log(path)
