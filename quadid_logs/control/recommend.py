@@ -287,7 +287,7 @@ def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bo
         separate = search.apart(target) if apart or not target.reached else None
     told = search.as_told() if apart else None
     by_estimate = None if told is None else told.apart(Found(1.0, reached=False))
-    # Doubt is no reason to reject gusts much worse than what flies, or than what the estimate takes.
+    # Uncertainty is no reason to reject gusts much worse than what flies, or than what the estimate takes.
     if told is not None and by_estimate is not None:
         takes = max(told.cost_of(by_estimate, target), 1.0)
         separate = by_estimate if search.cost_of(separate, target) > _NEAR_BEST * takes else separate

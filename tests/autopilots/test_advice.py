@@ -75,7 +75,8 @@ def test_rotor_speeds_are_asked_of_firmware_that_logs_them(version: Version, *, 
 @pytest.mark.parametrize(
     ("code", "version", "told"),
     [
-        ("QL620", (4, 2, 9), "Update the firmware to 4.5"),
+        ("QL620", (3, 3), "Update the firmware to 4.5"),
+        ("QL620", (4, 2, 9), "Set debug_mode = GYRO_SCALED"),
         ("QL620", (2026, 6), "Leave the unfiltered gyro"),
         ("QL644", (4, 3, 2), "Update the firmware to 4.4"),
         ("QL644", (4, 5, 3), "Set blackbox_high_resolution"),

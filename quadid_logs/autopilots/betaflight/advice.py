@@ -22,6 +22,8 @@ _SAMPLE_RATE_SINCE: Final[Version] = (4, 3)
 #: blackbox_p_ratio took the place of blackbox_rate_num and blackbox_rate_denom, one frame in so many loops.
 _RATIO_SINCE: Final[Version] = (3, 2)
 _RPM_SINCE: Final[Version] = (4, 5)
+#: A debug mode holds the gyro before its filters.
+_GYRO_SCALED_SINCE: Final[Version] = (3, 4)
 #: The gyro before its filters has a field of its own, and rates have a tenth of a degree per second.
 _UNFILTERED_SINCE: Final[Version] = (4, 5)
 _HIGH_RESOLUTION_SINCE: Final[Version] = (4, 4)
@@ -104,6 +106,8 @@ class BetaflightAdvice(Advice):
         if version is not None and code == "QL620":
             if version >= _UNFILTERED_SINCE:
                 return "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters."
+            if version >= _GYRO_SCALED_SINCE:
+                return "Set debug_mode = GYRO_SCALED: it shows the delay of all filters."
             return (
                 "Update the firmware to 4.5 or later, and leave the unfiltered gyro among the logged fields: "
                 "it shows the delay of all filters."
