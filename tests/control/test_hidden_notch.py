@@ -7,6 +7,7 @@ from functools import cache
 
 import pytest
 
+from quadid_logs import tuning
 from quadid_logs.align import cut
 from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.data.closed_loop import Margins
@@ -78,8 +79,9 @@ def test_it_does_where_the_rates_were_logged_before_the_filters() -> None:
     assert "QL620" in codes
 
 
-def test_filters_stay_beside_a_notch_that_nobody_knows() -> None:
+def test_filters_stay_beside_a_notch_that_nobody_knows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its delay is in the vehicle's: a search behind other filters would keep it."""
+    monkeypatch.setattr(tuning, "_filter_wishes", lambda *_: pytest.fail("filters were looked for"))
     found = recommend(hidden()[1], axes=["roll"], filters=True).axes["roll"]
     assert not found.filters
     assert ("QL674" in [one.code for one in found.reasons]) == (found.verdict != "refused")
