@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.control.closed_loop import disagrees
-from quadid_logs.data.catalogue import CATALOGUE, CAVEATS
+from quadid_logs.data.catalogue import CATALOGUE, CAVEATS, MOST_SATURATED
 from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.controller import AxisController, FlownControllers, RemarkKind, ReplayReason
 from quadid_logs.data.diagnosis import Diagnosis, Finding, Verdict
@@ -23,8 +23,6 @@ from quadid_logs.vocabulary import AXES
 
 #: With P and D scaled down in more of the rows, the gains of the parameters are not those that flew.
 _RARELY: Final = 0.05
-#: A vehicle that is at its limits in more of the samples needs less from its pilot, not other gains.
-MOST_SATURATED: Final = 0.10
 _VERDICTS: Final[Mapping[Verdict, str]] = MappingProxyType(
     {
         "refused": "No model can be used",

@@ -285,12 +285,11 @@ def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bo
         # No gains keep the limits in every condition: those that keep them as the vehicle flies come first.
         search, target = relaxed, relaxed.target()
         separate = search.apart(target) if apart or not target.reached else None
-    told = search.as_told() if apart else None
-    by_estimate = None if told is None else told.apart(Found(1.0, reached=False))
     # Uncertainty is no reason to reject gusts much worse than what flies, or than what the estimate takes.
-    if told is not None and by_estimate is not None:
-        takes = max(told.cost_of(by_estimate, target), 1.0)
-        separate = by_estimate if search.cost_of(separate, target) > _NEAR_BEST * takes else separate
+    cost = search.cost_of(separate, target) if apart else 0.0
+    told = search.as_told() if cost > _NEAR_BEST else None
+    if told is not None and (by_estimate := told.apart(Found(1.0, reached=False))) is not None:
+        separate = by_estimate if cost > _NEAR_BEST * told.cost_of(by_estimate, target) else separate
     if separate is not None:
         return separate
     if target.reached and target.factor > _SAME[1]:

@@ -43,6 +43,9 @@ _ENOUGH: Final = (
     f"Above, larger manoeuvres would not help. {CALMER}"
 )
 
+#: A vehicle that is at its limits in more of the samples needs less from its pilot, not other gains (QL617).
+MOST_SATURATED: Final = 0.10
+
 #: What makes an axis uncertain and its interval wide, and does not say that anything contradicts it.
 CAVEATS: Final = frozenset(
     {"QL304", "QL403", "QL404", "QL503", "QL504", "QL505", "QL511", "QL514", "QL523", "QL524", "QL531"}

@@ -9,6 +9,7 @@ import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import FloatArray
+from quadid_logs.data.catalogue import MOST_SATURATED
 from quadid_logs.data.health import Level, Motors, Quantity
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.health.records import averaged, in_flight
@@ -25,8 +26,6 @@ _RANGE_US: Final = 1000.0
 _AT_END: Final = 2e-3
 _FEWEST: Final = 20
 _RARELY: Final = 0.01
-#: Of the flight: an axis that got less torque than was commanded for longer gets no gains (QL617).
-_MOST_AT_HIGH: Final = 0.1
 #: With one rotor of a way, its own weakness is not told from a yaw torque.
 _FEWEST_OF_A_WAY: Final = 2
 #: A motor within this fraction of the longest arm of an axis lies on it.
@@ -87,10 +86,10 @@ def find_motors(
     headroom = Quantity(1.0 - float(np.percentile(highest, 100.0 * (1.0 - _RARELY))), "1") if known else None
     at_high = None
     if known:
-        at_high = Quantity(float(np.mean(highest >= 1.0 - _AT_END)), "1", normal=(0.0, _MOST_AT_HIGH))
+        at_high = Quantity(float(np.mean(highest >= 1.0 - _AT_END)), "1", normal=(0.0, MOST_SATURATED))
     at_low = Quantity(float(np.mean(values.min(axis=1) <= _AT_END)), "1") if known else None
     short = averaged(record._replace(time_s=record.time_s[good], values=values))
-    lacks_power = at_high is not None and at_high.value > _MOST_AT_HIGH
+    lacks_power = at_high is not None and at_high.value > MOST_SATURATED
     return Motors(
         sentence=_sentence(names, mean, spread, level, at_high, headroom) + _at_idle(at_low) + against_yaw,
         level="high" if lacks_power and level == "normal" else level,
@@ -186,8 +185,8 @@ def _sentence(
     if at_high is None or headroom is None:
         return told
     if at_high.value > 0.0:
-        judged = f", more than the normal {100.0 * _MOST_AT_HIGH:.0f} %"
-        most = judged if at_high.value > _MOST_AT_HIGH else ""
+        judged = f", more than the normal {100.0 * MOST_SATURATED:.0f} %"
+        most = judged if at_high.value > MOST_SATURATED else ""
         share = number(100.0 * at_high.value, 2)
         return f"{told} A motor is at its upper limit in {share} % of the flight{most}."
     return f"{told} In 99 % of the flight at least {100.0 * headroom.value:.0f} % of the range is in reserve."

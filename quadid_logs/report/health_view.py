@@ -6,8 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from quadid_logs.control.guard import MOST_SATURATED
-from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.data.catalogue import CATALOGUE, MOST_SATURATED
 from quadid_logs.data.health import AxisOscillation, Health, Topic
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Direction

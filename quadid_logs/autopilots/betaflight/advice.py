@@ -8,7 +8,12 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from quadid_logs.autopilots.betaflight.chirp import SWEEP_SETTINGS
-from quadid_logs.autopilots.betaflight.law import OLDEST_LAW, loop_period_us
+from quadid_logs.autopilots.betaflight.law import (
+    GYRO_SCALED_SINCE,
+    OLDEST_LAW,
+    UNFILTERED_SINCE,
+    loop_period_us,
+)
 from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
 from quadid_logs.data.log import whole_number
 from quadid_logs.sentences import listed
@@ -22,10 +27,7 @@ _SAMPLE_RATE_SINCE: Final[Version] = (4, 3)
 #: blackbox_p_ratio took the place of blackbox_rate_num and blackbox_rate_denom, one frame in so many loops.
 _RATIO_SINCE: Final[Version] = (3, 2)
 _RPM_SINCE: Final[Version] = (4, 5)
-#: A debug mode holds the gyro before its filters.
-_GYRO_SCALED_SINCE: Final[Version] = (3, 4)
-#: The gyro before its filters has a field of its own, and rates have a tenth of a degree per second.
-_UNFILTERED_SINCE: Final[Version] = (4, 5)
+#: Rates have a tenth of a degree per second.
 _HIGH_RESOLUTION_SINCE: Final[Version] = (4, 4)
 #: What is wanted [us], and the parts of the loop's rate that blackbox_sample_rate can be.
 _WANTED_US: Final = 1000.0
@@ -104,9 +106,9 @@ class BetaflightAdvice(Advice):
     def remedy(self, code: str, version: Version | None) -> str:
         """As of `Advice.remedy`; of a known version, what it can log."""
         if version is not None and code == "QL620":
-            if version >= _UNFILTERED_SINCE:
+            if version >= UNFILTERED_SINCE:
                 return "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters."
-            if version >= _GYRO_SCALED_SINCE:
+            if version >= GYRO_SCALED_SINCE:
                 return "Set debug_mode = GYRO_SCALED: it shows the delay of all filters."
             return (
                 "Update the firmware to 4.5 or later, and leave the unfiltered gyro among the logged fields: "

@@ -21,6 +21,9 @@ from quadid_logs.autopilots.versions import finite
 from quadid_logs.data.controller import DiscreteFilter
 from quadid_logs.vocabulary import AXES
 
+#: The gyro before its filters is in the fields of a debug mode, and then in one of its own.
+GYRO_SCALED_SINCE: Final = (3, 4)
+UNFILTERED_SINCE: Final = (4, 5)
 #: The first version whose law counts in degrees per second.
 OLDEST_LAW: Final = (3, 1)
 #: PTERM_SCALE, ITERM_SCALE, DTERM_SCALE and FEEDFORWARD_SCALE, per deg/s and thousandth.

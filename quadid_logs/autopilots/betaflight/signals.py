@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.autopilots.betaflight.chirp import Sweep, excitation, sweep_of
 from quadid_logs.autopilots.betaflight.header_names import gyro_scale
+from quadid_logs.autopilots.betaflight.law import GYRO_SCALED_SINCE, UNFILTERED_SINCE
 from quadid_logs.autopilots.betaflight.sticks import STICK_END, Sticks, sticks_of, straight_by_p, told_by_p
 from quadid_logs.autopilots.sources import (
     RPM,
@@ -47,11 +48,9 @@ PID_SUM_LIMITS: Final = {
 }
 #: blackbox_high_resolution logs rates and set-points in tenths.
 _HIGH_RESOLUTION: Final = 0.1
-#: The debug mode that logs the gyro before its filters [deg/s]; from 4.5 on a field of its own does, and the
-#: number is that of another mode (debug.h; gyro_filter_impl.c, DEBUG_GYRO_SCALED).
+#: The debug mode that logs the gyro before its filters [deg/s] (debug.h; gyro_filter_impl.c,
+#: DEBUG_GYRO_SCALED); before and after its versions the number is that of another mode.
 _GYRO_SCALED: Final = 6
-_GYRO_SCALED_SINCE: Final = (3, 4)
-_GYRO_SCALED_BEFORE: Final = (4, 5)
 #: The change that brought this setting, in 4.4, also rounded the terms; all headers have held it since.
 _SINCE_ROUNDED: Final = "blackbox_high_resolution"
 #: The log's name of the sticks that set-points are made of.
@@ -156,7 +155,7 @@ class Facts:
             has_throttle="setpoint[3]" in main.names,
             debug_is_gyro=header.number("debug_mode") == _GYRO_SCALED
             and version is not None
-            and _GYRO_SCALED_SINCE <= version < _GYRO_SCALED_BEFORE,
+            and GYRO_SCALED_SINCE <= version < UNFILTERED_SINCE,
             # Later ones log set-points, unless told not to, and smooth them behind the sticks.
             sticks=None
             if counts or version is None or version >= _SET_POINTS_SINCE
