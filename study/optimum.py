@@ -72,6 +72,8 @@ _N_GUSTS: Final = 400
 #: ADS-33E practice, 5 dB).
 _ATTITUDE_HZ: Final = (0.05, 30.0)
 _MOST_PEAK_DB: Final = 5.0
+#: The most that an answer to a set-point rises by: of a damping ratio of 0.35 (ADS-33E, level 1).
+_MOST_RESONANCE_DB: Final = 3.67
 #: Of the command's range, what gyro noise may take at most, where it is above what a pilot commands [Hz].
 _MOST_NOISE: Final = 0.05
 _NOISE_ABOVE_HZ: Final = 15.0
@@ -145,6 +147,15 @@ class Judge(NamedTuple):
         rejects = np.abs((1.0 + loop.rate) / (1.0 + loop.full))[0]
         return bandwidth_hz, float(20.0 * np.log10(rejects.max()))
 
+    def resonance_db(self, controller: AxisController) -> float:
+        """Return the most that the rate or the attitude answers its set-point with [dB]."""
+        frequency_hz = np.geomspace(*_ATTITUDE_HZ, _N_GUSTS)
+        loop = close(controller, self.plant, frequency_hz)
+        assert loop.full is not None
+        turns = loop.target_to_rate[0]
+        follows = ((loop.full - loop.rate) / (1.0 + loop.full))[0]
+        return float(20.0 * np.log10(np.abs([turns, follows]).max()))
+
     def spare(self, controller: AxisController) -> float:
         """Return the worst of the true margins over its limit."""
         return spare(scaled_loops(controller, self.plant, np.inf).margins(), GOOD)
@@ -159,9 +170,8 @@ class Judge(NamedTuple):
         missing += max(1.0 - self.spare(controller), 0.0)
         missing += max(self.noise(controller) / most_noise - 1.0, 0.0)
         bandwidth_hz, peak_db = self.attitude(controller)
-        return (
-            missing + max(1.0 - bandwidth_hz / self.least_hz, 0.0) + max(peak_db / _MOST_PEAK_DB - 1.0, 0.0)
-        )
+        missing += max(1.0 - bandwidth_hz / self.least_hz, 0.0) + max(peak_db / _MOST_PEAK_DB - 1.0, 0.0)
+        return missing + max(self.resonance_db(controller) / _MOST_RESONANCE_DB - 1.0, 0.0)
 
     def cost(self, factors: FloatArray, most_noise: float) -> float:
         """Return the error as a logarithm, and what is missing of the limits."""

@@ -44,7 +44,7 @@ from tests.analyses import Analyzed
 from tests.control.loop_flights import Vehicle
 from tests.marks import thorough, thorough_but
 from tests.synthetic_tuning import synthetic_tune_page
-from tests.tuned_flights import as_flown, flown, of_axes
+from tests.tuned_flights import as_flown, flown, of_axes, with_parameters
 
 ROLL = ("ATC_RAT_RLL_P", "ATC_RAT_RLL_I", "ATC_RAT_RLL_D")
 #: A tenth of the command's range on every axis, far above any crossover.
@@ -222,6 +222,40 @@ def test_doubt_alone_does_not_cost_the_rejection_of_gusts() -> None:
     now = scaled_loops(sharp.closed_loop.controllers.axes["roll"], estimate, np.inf).margins()
     assert spare(now, GOOD) < 0.95
     assert spare(told, GOOD) > 0.98
+
+
+def agile(**gains: float) -> Result:
+    """Roll of a vehicle four times as agile, flown by rates alone, with these factors on its gains."""
+    rates = with_parameters(of_axes(flown("ardupilot"), "roll"), ATC_ANG_RLL_P=None)
+    (model, *others) = rates.identification.models
+    assert model.posterior is not None
+    assert rates.closed_loop is not None
+    times = np.array([4.0, 1.0, 1.0, 1.0, 1.0])[: model.posterior.mean.shape[1]]
+    mean, covariance = np.array(model.posterior.mean), np.array(model.posterior.covariance)
+    mean[0] *= times
+    covariance[0] *= np.outer(times, times)
+    model = replace(model, posterior=replace(model.posterior, mean=mean, covariance=covariance))
+    rates = replace(rates, identification=replace(rates.identification, models=(model, *others)))
+    roll = replace(rates.closed_loop.axes["roll"], plants=plants_of(rates))
+    rates = replace(rates, closed_loop=replace(rates.closed_loop, axes={"roll": roll}))
+    return as_flown(rates, **{name: factor * rates.log.parameters[name] for name, factor in gains.items()})
+
+
+def test_gusts_alone_do_not_make_a_rate_that_rings() -> None:
+    """The integral of gains that lack margin was raised four times, and a step overshot by half of it."""
+    result = agile(ATC_RAT_RLL_D=0.5)
+    found = recommend(result, GOOD, ["roll"], ranges=AS_FLOWN).axes["roll"]
+    assert found.verdict == "change"
+    gains = {name: one.next for name, one in found.changes.items()}
+    following = named("ardupilot").controllers(result.log, {**result.log.parameters, **gains})
+    assert following is not None
+    assert result.closed_loop is not None
+    plants = result.closed_loop.axes["roll"].plants
+    assert plants is not None
+    turns = close(following.axes["roll"], plants.at(slice(0, 1)), np.geomspace(0.05, 100.0, 800))
+    # That of a damping ratio of 0.35, within what gains in a file are rounded by.
+    most = 1.0 / (2.0 * 0.35 * math.sqrt(1.0 - 0.35**2))
+    assert np.abs(turns.target_to_rate).max() < 1.02 * most
 
 
 def test_the_worst_vehicle_counts_and_not_the_estimate() -> None:

@@ -1,7 +1,8 @@
-"""How fast the attitude follows its set-point, and by how much a disturbance of it is raised at most."""
+"""How fast and how well damped the attitude follows, and how much a disturbance of it is raised at most."""
 
 from __future__ import annotations
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,12 +20,13 @@ _GAIN: Final = 0.5**0.5
 class Attitude(NamedTuple):
     """Bandwidths of answers to the set-point [Hz]; highest gain from a disturbance to what is left of it.
 
-    Both of shape (n_loops,). The latter is the disturbance rejection peak [dB]; minus infinity where no angle
-    loop is known.
+    All of shape (n_loops,). ``peak_db`` is the disturbance rejection peak; minus infinity where no angle loop
+    is known. ``resonance_db`` is the highest gain of the rate's and of the attitude's answer to set-points.
     """
 
     bandwidth_hz: FloatArray
     peak_db: FloatArray
+    resonance_db: FloatArray
 
 
 def attitude_of(
@@ -52,13 +54,35 @@ def attitude_of(
     L: what a disturbance of the attitude leaves is (1 + L - A) / (1 + L) (Blanken et al., "Test Guide for
     ADS-33E-PRF", disturbance rejection).
     """
-    if full is None:
-        follows, peak_db = to_rate / (1.0 + rate), np.full(len(rate), -np.inf)
-    else:
+    turns = to_rate / (1.0 + rate)
+    follows, peak_db = turns, np.full(len(rate), -np.inf)
+    if full is not None:
         whole = 1.0 + full
         follows = (full - rate) / whole
-        peak_db = 20.0 * np.log10(np.max(np.abs((1.0 + rate) / whole), axis=1))
-    return Attitude(bandwidth_hz(frequency_hz, follows), np.asarray(peak_db, dtype=np.float64))
+        peak_db = _highest_db((1.0 + rate) / whole)
+    resonance_db = np.maximum(_highest_db(turns), _highest_db(follows))
+    return Attitude(bandwidth_hz(frequency_hz, follows), peak_db, resonance_db)
+
+
+def resonance_db(damping_ratio: float) -> float:
+    """Return the highest gain of a second-order answer of unit gain at rest.
+
+    Parameters
+    ----------
+    damping_ratio : float
+        Below the root of one half.
+
+    Returns
+    -------
+    float
+        1 / (2 z sqrt(1 - z^2)) [dB].
+    """
+    return -20.0 * math.log10(2.0 * damping_ratio * math.sqrt(1.0 - damping_ratio**2))
+
+
+def _highest_db(answers: ComplexArray) -> FloatArray:
+    """Return the highest gain of answers (n_loops, n_frequencies) [dB]."""
+    return np.asarray(20.0 * np.log10(np.max(np.abs(answers), axis=1)), dtype=np.float64)
 
 
 def bandwidth_hz(frequency_hz: FloatArray, follows: ComplexArray) -> FloatArray:

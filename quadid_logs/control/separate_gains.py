@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.control.attitude import Attitude, attitude_of
+from quadid_logs.control.attitude import Attitude, attitude_of, resonance_db
 from quadid_logs.control.gain_paths import GainPaths, gain_paths
 from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import integrators
@@ -31,6 +31,9 @@ _Bounds = Mapping[str, tuple[float, float]]
 _BOUNDS: Final = (0.25, 4.0)
 #: What a disturbance of the attitude may be raised by at most [dB] (ADS-33E practice, `attitude_of`).
 _MOST_PEAK_DB: Final = 5.0
+#: Answers to set-points overshoot no more than those of this damping ratio (ADS-33E-PRF 3.3.2, mid-term
+#: response to control inputs, level 1).
+_MOST_RESONANCE_DB: Final = resonance_db(0.35)
 #: A missing hundredth of a limit weighs more than any rejection of gusts that it could be paid with.
 _PENALTY: Final = 30.0
 #: Beyond e to this power nothing is told apart.
@@ -481,6 +484,7 @@ class SeparateGains:
         kept = [
             self._spare(answers, self._decisive).reshape(len(answers), -1) - 1.0,
             1.0 - np.maximum(attitude.peak_db, 0.0)[:, np.newaxis] / _MOST_PEAK_DB,
+            1.0 - np.maximum(attitude.resonance_db, 0.0)[:, np.newaxis] / _MOST_RESONANCE_DB,
             -self._noise.beyond(loop)[:, np.newaxis],
         ]
         if np.isfinite(most_up):
