@@ -351,11 +351,12 @@ class _Search:
     def as_told(self) -> _Search | None:
         """Return the search for gains with which the estimate keeps the limits, others what they flew with.
 
-        None where the flown ones do, or may be close to instability.
+        None of these is close to instability. None where the flown gains keep the limits as estimated, or are
+        close to instability themselves: that is no uncertainty.
         """
-        if self.is_kept_as_told() or self._flown_spare < _POOR:
+        if self.is_kept_as_told() or self._told_spare < _POOR:
             return None
-        held = self._conditions.as_told(self._limits)
+        held = self._conditions.as_told(self._limits, _POOR)
         return _Search(self._case, held, self._model, self._rebuild, self._limits, apart=self._apart)
 
     def cost_of(self, separate: AxisTuning | None, common: Found) -> float:

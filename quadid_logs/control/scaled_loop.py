@@ -450,9 +450,12 @@ class HeldLoops(NamedTuple):
         part = min(self._replace(part=1.0).kept(limits).otherwise, 1.0)
         return self._replace(part=part) if part > 0.0 else self._replace(otherwise=())
 
-    def as_told(self, limits: Limits) -> HeldLoops:
-        """Return the loops of which the estimate keeps the limits, and the drawn ones what they flew with."""
-        drawn = min(self._replace(drawn=1.0).kept(limits).as_flown, 1.0)
+    def as_told(self, limits: Limits, least: float) -> HeldLoops:
+        """Return the loops of which the estimate keeps the limits, and the drawn ones what they flew with.
+
+        These keep at least a part of the limits in any case.
+        """
+        drawn = min(max(self._replace(drawn=1.0).kept(limits).as_flown, least), 1.0)
         return self.no_less_than_flown(limits)._replace(drawn=drawn)
 
 
