@@ -46,6 +46,10 @@ def main(arguments: list[str] | None = None) -> int:
         from study.optimum import main as optimum
 
         return optimum([one for one in given if one != "--optimum"])
+    if "--rate-mode" in given:
+        from study.rate_mode import main as rate_mode
+
+        return rate_mode([one for one in given if one != "--rate-mode"])
     if "--promise" in given:
         from study.promise import main as promise
 

@@ -7,14 +7,14 @@ import functools
 import json
 from functools import partial
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from quadid_logs.autopilots import named
-from quadid_logs.control.loop import close
+from quadid_logs.control.loop import close, on_rate
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, Tuning
 from quadid_logs.diagnose.findings import finding
@@ -22,7 +22,7 @@ from quadid_logs.simulate import fly, plan_flights
 from quadid_logs.simulate.true_loop import true_controller, true_plant
 from quadid_logs.simulate.vendors import parameters
 from quadid_logs.vocabulary import AXES
-from study import optimum, run
+from study import optimum, rate_mode, run
 from study.draw import FRAMES, GYRO_SCALE_SIGMA, MANOEUVRES, draw_flight
 from study.margin_tables import WORDS, draw_margins, loops_of, margins_page
 from study.margins import draw_loop, measure_loops
@@ -42,6 +42,7 @@ from study.summary import (
 )
 from study.tuning import _ratios, draw_vehicle, of_each_gain
 from study.tuning import setup_of as flight_of
+from tests.tuned_flights import flown
 
 
 @pytest.fixture(scope="module")
@@ -486,6 +487,31 @@ def test_no_gains_that_flew_and_keep_everything_are_better_than_the_best(monkeyp
     flights = [{"axes": {"roll": {"factors": one}}} for one in ([1.0, 1.0, 1.0, 1.0], good.tolist())]
     best = optimum._best(judge, 0.05, (5, 0), flights)
     assert best["error_rad"] <= judge.error_rad(judge.controller(good))
+
+
+def test_the_study_of_rate_loops_counts_those_that_lose_their_limits() -> None:
+    """One that flew below them may stay there, and may not lose more."""
+
+    def axis(now: float, following: float) -> dict[str, Any]:
+        true = {"resonance_db": 1.0, "error_rad": 1.0}
+        return {"verdict": "change", "flown": {"spare": now, **true}, "next": {"spare": following, **true}}
+
+    axes = {"a": axis(1.2, 1.01), "b": axis(1.2, 0.99), "c": axis(0.7, 0.7), "d": axis(0.7, 0.6)}
+    text = rate_mode.summarise([{"seed": 1, "axes": {**axes, "e": {"verdict": "refused"}}}])
+    assert "4 of 5 axes" in text
+    assert "kept by 2 of 4" in text
+
+
+def test_a_log_without_its_angle_gains_has_no_angle_loop() -> None:
+    """And its rate loop is as it was."""
+    result = flown("ardupilot")
+    assert result.closed_loop is not None
+    found = rate_mode.without_angle_loop(result).closed_loop
+    assert found is not None
+    roll, before = (one.controllers.axes["roll"] for one in (found, result.closed_loop))
+    assert roll.angle_gain_per_s is None
+    frequency_hz = np.array([1.0, 10.0])
+    np.testing.assert_allclose(on_rate(roll, frequency_hz), on_rate(before, frequency_hz), rtol=1e-9)
 
 
 @pytest.mark.parametrize(
