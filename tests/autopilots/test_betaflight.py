@@ -266,6 +266,18 @@ def test_a_frame_that_mixes_otherwise_is_not_taken_for_a_quad_x() -> None:
     assert "custom mixer" in found.remark
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_collective_that_moves_with_the_sums_does_not_hide_the_frame(axis: int) -> None:
+    """Dynamic idle and throttle boost add to all motors what the logged throttle does not hold."""
+    log = mixed(MIX)
+    sums = log.candidates("torque_command")[0].values
+    motors = log.candidates("motor_thrust")[0]
+    raised = replace(motors, values=motors.values + 0.5 * sums[:, [axis]])
+    frame = find_airframe(replace(log, signals={**log.signals, "motor_thrust": (raised,)}))
+    assert isinstance(frame, Airframe)
+    assert frame.name == "quad X"
+
+
 @pytest.mark.parametrize("frame", FRAMES, ids=lambda frame: frame.name)
 @pytest.mark.parametrize("settings", [{}, {"features": 0.0}], ids=["airmode", "without"])
 def test_every_frame_of_the_motor_table_is_told_by_its_outputs(frame: Frame, settings: dict) -> None:

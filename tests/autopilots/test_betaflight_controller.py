@@ -31,7 +31,7 @@ from quadid_logs.control.margins import grid_hz, margins_of
 from quadid_logs.control.replay import replay
 from quadid_logs.data.closed_loop import Margins, Plant
 from quadid_logs.data.controller import RemarkKind, Replay, ReplayReason
-from quadid_logs.data.log import FlightLog, ModeChange
+from quadid_logs.data.log import ControllerTerms, FlightLog, ModeChange, Rows, Signal
 from quadid_logs.report.loop_json import closed_loop_dict
 from quadid_logs.report.loop_view import loop_view
 from quadid_logs.vocabulary import AXES
@@ -197,6 +197,59 @@ def test_p_alone_is_held_against_a_log_whose_rounding_hides_d(corpus: Path) -> N
     found = replay(controllers(log, log.parameters), inputs)
     assert found["roll"].agrees
     assert {one.reason for one in found.values()} == {None, ReplayReason.ROUNDED}
+
+
+def whole(values: np.ndarray, unit: float) -> np.ndarray:
+    """Round to whole units."""
+    return np.asarray(unit * np.rint(values / unit))
+
+
+def calmly_flown(seed: int) -> FlightLog:
+    """Fly roll at 8 deg/s with P and D, and log it in whole degrees per second and thousandths."""
+    step_s, n_rows, random = 5e-4, 12_000, np.random.default_rng(seed)
+    slow = signal.butter(2, 15.0, fs=1.0 / step_s)
+    rate, error = (signal.lfilter(*slow, random.normal(size=n_rows)) for _ in range(2))
+    rate, error = math.radians(8.0) * rate / rate.std(), math.radians(2.4) * error / error.std()
+    settings = {"p_roll": 60.0, "i_roll": 0.0, "d_roll": 43.0, "looptime": 1e6 * step_s}
+    settings |= {"dterm_lpf1_static_hz": 105.0, "dterm_lpf2_static_hz": 210.0}
+    gains, used = rate_gains(settings, "roll"), d_filter(settings, 0.3, step_s)
+    flown = {
+        "P": gains.proportional * error,
+        "D": -gains.derivative * signal.lfilter(used.numerator, used.denominator, rate),
+    }
+    nothing, rows = np.zeros(n_rows), Rows(step_s * np.arange(n_rows), np.arange(n_rows))
+    signals = {
+        "body_rate": np.column_stack([whole(rate, math.radians(1.0)), nothing, nothing]),
+        "body_rate_setpoint": np.column_stack([whole(rate + error, math.radians(1.0)), nothing, nothing]),
+        "throttle": np.full((n_rows, 1), 0.3),
+    }
+    return FlightLog(
+        path="",
+        format="blackbox",
+        autopilot="betaflight",
+        firmware="Betaflight 4.5.2",
+        n_bytes=0,
+        parameters=settings,
+        signals={
+            name: (Signal(name=name, source="main", reason="", rows=rows, values=values),)
+            for name, values in signals.items()
+        },
+        controller_terms=(
+            ControllerTerms(
+                axis="roll",
+                rows=rows,
+                values={name: whole(values, 1e-3) for name, values in flown.items()},
+            ),
+        ),
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rate_rounded_for_p_and_d_at_once_is_no_other_controller(seed: int) -> None:
+    """Behind D's low-passes both answer a rounded rate in phase; their sum is off by more than each alone."""
+    found = replayed(calmly_flown(seed))["roll"]
+    assert found.agrees
+    assert found.relative_rms["D"] is not None
 
 
 def test_the_mean_d_lies_between_its_ends(corpus: Path) -> None:

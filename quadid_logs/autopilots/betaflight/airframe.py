@@ -77,11 +77,16 @@ def _as_they_are(why: str) -> Unknown:
 
 
 def _off(slopes: FloatArray, mixer: FloatArray) -> float:
-    """Return by how much a slope is off a mixer (n_motors, 3) at most; infinite where an axis is scaled."""
-    scale = np.sum(slopes * mixer.T, axis=1) / np.sum(mixer**2, axis=0)
+    """Return by how much a slope is off a mixer (n_motors, 3) at most; infinite where an axis is scaled.
+
+    What all motors do together is left out: the logged throttle is not the one that the mixer adds. Throttle
+    boost, dynamic idle and the room that large sums need move that one, often in step with a sum.
+    """
+    apart, wanted = (one - one.mean(axis=1, keepdims=True) for one in (slopes, mixer.T))
+    scale = np.sum(apart * wanted, axis=1) / np.sum(wanted**2, axis=1)
     if not ((scale > _SLOPES[0]) & (scale < _SLOPES[1])).all():
         return float("inf")
-    return float(np.max(np.abs(slopes / scale[:, np.newaxis] - mixer.T)))
+    return float(np.max(np.abs(apart / scale[:, np.newaxis] - wanted)))
 
 
 def _airframe(found: _Match) -> Airframe:

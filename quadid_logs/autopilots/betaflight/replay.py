@@ -217,12 +217,14 @@ def _rounding(rows: AxisRows, settings: Mapping[str, float], axis: str) -> float
     tenths = settings.get("blackbox_high_resolution", 0.0) > 0.0
     of_rate = (0.1 if tenths else 1.0) * _DEGREE / math.sqrt(12.0)
     gains = rate_gains(settings, axis)
-    found = [gains.proportional * of_rate * math.sqrt(2.0)]
+    # A rounded set-point is in P alone, a rounded rate in P and in D at once: they add with their phases.
+    found = [gains.proportional * of_rate, gains.proportional * of_rate]
     if "D" in rows.logged:
         period_s = float(np.median(rows.step_s))
         used = d_filter(settings, float(_throttle(rows).mean()), loops_of(period_s, settings)[0])
-        gain = used.response(np.linspace(0.0, 0.5 / period_s, _POINTS))
-        found.append(gains.most_derivative * of_rate * float(np.sqrt(np.mean(np.abs(gain) ** 2))))
+        of_d = gains.most_derivative * used.response(np.linspace(0.0, 0.5 / period_s, _POINTS))
+        power = max(float(np.mean(np.abs(each) ** 2)) for each in (of_d, gains.proportional + of_d))
+        found[1] = of_rate * math.sqrt(power)
     for logged in rows.logged.values():
         # Known to half a unit; one that was cut towards zero to a whole one there.
         of_term = np.where((logged == 0.0) & cuts_terms(settings), 1.0 / 3.0, 1.0 / 12.0)
