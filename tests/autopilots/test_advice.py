@@ -59,6 +59,22 @@ def test_betaflight_that_cannot_leave_fields_out_is_not_asked_to_log_them() -> N
     assert "fields" in betaflight_logging((4, 3))
 
 
+@pytest.mark.parametrize(("version", "told"), [((3, 1, 3), True), ((3, 2, 1), True), ((3, 4), False)])
+def test_only_firmware_of_an_8_bit_board_is_told_where_it_ends(version: Version, *, told: bool) -> None:
+    """3.3 and later run on no such board."""
+    said = ARDUPILOT.logging("dataflash", {}, version)
+    assert "update the firmware to 4.0" in said
+    assert ("8-bit" in said) == told
+
+
+@pytest.mark.parametrize("code", ["QL603", "QL605", "QL614", "QL639"])
+def test_no_firmware_is_told_to_fly_a_sweep_that_it_lacks(code: str) -> None:
+    """ArduCopter before 4.0 and Betaflight before 2025.12 have none."""
+    for autopilot, version in (("ardupilot", (3, 6, 4)), ("betaflight", (4, 5, 2))):
+        (one,) = remedied([finding(code, "warning", {})], autopilot, version)
+        assert "chirp" not in one.advice
+
+
 def test_three_axes_are_listed_with_commas() -> None:
     """It said "roll and pitch and yaw"."""
     assert "roll, pitch and yaw have had" in BETAFLIGHT.excitation(AXES, (2025, 12))
@@ -82,6 +98,11 @@ def test_rotor_speeds_are_asked_of_firmware_that_logs_them(version: Version, *, 
         ("QL644", (4, 5, 3), "Set blackbox_high_resolution"),
         ("QL620", None, "Leave the unfiltered gyro"),
         ("QL643", (4, 2, 9), "Fly the whole flight in Acro mode"),
+        ("QL613", (4, 5, 2), "Leave gyro, PID and set-points"),
+        ("QL613", (4, 2, 0), "Log rates"),
+        ("QL603", (4, 5, 2), "Do not rely on the margins of this axis. Quicker manoeuvres"),
+        ("QL603", (2025, 12), "Do not rely on the margins of this axis. A system-ID chirp"),
+        ("QL614", (4, 5, 2), "Fly quicker manoeuvres"),
     ],
 )
 def test_what_to_log_is_what_the_version_that_flew_can(code: str, version: Version, told: str) -> None:

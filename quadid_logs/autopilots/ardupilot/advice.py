@@ -25,6 +25,8 @@ _RATE_LOGGED: Final[tuple[tuple[Version, float], ...]] = (
     ((3, 4), 25.0),
     ((3, 6), float("inf")),
 )
+#: 8-bit boards had their last version before.
+_NOT_ON_APM_SINCE: Final[Version] = (3, 3)
 #: mode_systemid.cpp came with 4.0.
 _SYSTEM_ID_SINCE: Final[Version] = (4, 0)
 #: AC_PID.cpp has a filter each for set-point, error and D since then, before one for all.
@@ -287,9 +289,11 @@ def _logging_limit(version: Version | None) -> str:
     what = f"logs RATE at {rate_hz:g} Hz at most" if rate_hz else "does not log the rate controller's output"
     # The branch that became 3.4 logged at 50 Hz for its first half.
     early = " (3.4-dev at 50 Hz)" if version == (3, 4) else ""
+    apm = " (an 8-bit APM board cannot: it stays at 3.2, which does not log it)"
+    board = apm if version < _NOT_ON_APM_SINCE else ""
     return (
         f"ArduCopter {_dotted(version)} {what}{early}, whatever LOG_BITMASK is: update the firmware to 4.0 "
-        "or later (an 8-bit APM board cannot: it stays at 3.2, which does not log it)."
+        f"or later{board}."
     )
 
 

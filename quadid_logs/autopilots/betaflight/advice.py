@@ -114,6 +114,9 @@ class BetaflightAdvice(Advice):
                 "Update the firmware to 4.5 or later, and leave the unfiltered gyro among the logged fields: "
                 "it shows the delay of all filters."
             )
+        if version is not None and version < _SAMPLE_RATE_SINCE and code == "QL613":
+            # No field could be left out: the rate is what is wrong.
+            return ""
         if version is not None and code == "QL644":
             if version >= _HIGH_RESOLUTION_SINCE:
                 return "Set blackbox_high_resolution = ON."

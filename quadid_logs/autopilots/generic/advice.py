@@ -37,6 +37,18 @@ def digits(value: float) -> str:
     return f"{value:.10g}"
 
 
+#: Instead of a sweep, where the firmware has none.
+_BY_HAND: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "QL603": "Do not rely on the margins of this axis. Quicker manoeuvres, as short stick flicks, show more "
+        "of the loop itself.",
+        "QL605": "Fly quicker manoeuvres, as short stick flicks.",
+        "QL614": "Fly quicker manoeuvres, as short stick flicks, and tune from that flight.",
+        "QL639": "Fly quicker manoeuvres, as short stick flicks, for a narrower promise.",
+    }
+)
+
+
 class Advice:
     """What to log, set and fly; every autopilot's has these members.
 
@@ -101,7 +113,7 @@ class Advice:
 
     not_set_by_hand: ClassVar[tuple[str, ...]] = ()
 
-    def remedy(self, code: str, version: Version | None) -> str:  # noqa: ARG002
+    def remedy(self, code: str, version: Version | None) -> str:
         """Return what to do about a finding, in a version of this autopilot; "" for the catalogue's advice.
 
         Parameters
@@ -110,7 +122,8 @@ class Advice:
         version : tuple of int or None
             Of the firmware; None where the log does not say.
         """
-        return self.remedies.get(code, "")
+        found = self.remedies.get(code, "")
+        return found if found or self.excites(version) else _BY_HAND.get(code, "")
 
     def step_note(self, parameters: Mapping[str, float]) -> str:  # noqa: ARG002
         """Say what a computed step response leaves out of what the firmware does; "" for nothing.
