@@ -22,6 +22,7 @@ from quadid_logs.autopilots.betaflight.law import (
     d_filter,
     p_filter,
     rate_gains,
+    throttle_stick,
 )
 from quadid_logs.autopilots.betaflight.log import read
 from quadid_logs.autopilots.betaflight.replay import d_parts, replay_inputs
@@ -204,24 +205,43 @@ def whole(values: np.ndarray, unit: float) -> np.ndarray:
     return np.asarray(unit * np.rint(values / unit))
 
 
-def calmly_flown(seed: int) -> FlightLog:
-    """Fly roll at 8 deg/s with P and D, and log it in whole degrees per second and thousandths."""
-    step_s, n_rows, random = 5e-4, 12_000, np.random.default_rng(seed)
-    slow = signal.butter(2, 15.0, fs=1.0 / step_s)
-    rate, error = (signal.lfilter(*slow, random.normal(size=n_rows)) for _ in range(2))
-    rate, error = math.radians(8.0) * rate / rate.std(), math.radians(2.4) * error / error.std()
-    settings = {"p_roll": 60.0, "i_roll": 0.0, "d_roll": 43.0, "looptime": 1e6 * step_s}
-    settings |= {"dterm_lpf1_static_hz": 105.0, "dterm_lpf2_static_hz": 210.0}
-    gains, used = rate_gains(settings, "roll"), d_filter(settings, 0.3, step_s)
-    flown = {
-        "P": gains.proportional * error,
-        "D": -gains.derivative * signal.lfilter(used.numerator, used.denominator, rate),
-    }
-    nothing, rows = np.zeros(n_rows), Rows(step_s * np.arange(n_rows), np.arange(n_rows))
+STEP_S, N_ROWS = 5e-4, 12_000
+#: Of `flown`: gains, and two low-passes of D that stay.
+FLOWN = {
+    "p_roll": 60.0,
+    "i_roll": 0.0,
+    "d_roll": 43.0,
+    "looptime": 1e6 * STEP_S,
+    "dterm_lpf2_static_hz": 210.0,
+}
+STAYS = FLOWN | {"dterm_lpf1_static_hz": 105.0}
+AIRMODE = {"features": float(1 << 22)}
+
+
+def flown(
+    seed: int,
+    rms_deg_s: float,
+    settings: dict[str, float],
+    throttle: np.ndarray | float = 0.3,
+    slope: Callable[[np.ndarray], np.ndarray] | None = None,
+) -> FlightLog:
+    """Fly roll with P and D, and log rates in degrees per second, or tenths of it, and whole thousandths."""
+    random = np.random.default_rng(seed)
+    slow = signal.butter(2, 15.0, fs=1.0 / STEP_S)
+    rate, error = (signal.lfilter(*slow, random.normal(size=N_ROWS)) for _ in range(2))
+    rate, error = (
+        math.radians(rms_deg_s) * rate / rate.std(),
+        math.radians(0.3 * rms_deg_s) * error / error.std(),
+    )
+    gains, used = rate_gains(settings, "roll"), d_filter(settings, 0.3, STEP_S)
+    turning = signal.lfilter(used.numerator, used.denominator, rate) if slope is None else slope(rate)
+    terms = {"P": gains.proportional * error, "D": -gains.derivative * turning}
+    unit = math.radians(0.1 if settings.get("blackbox_high_resolution") else 1.0)
+    nothing, rows = np.zeros(N_ROWS), Rows(STEP_S * np.arange(N_ROWS), np.arange(N_ROWS))
     signals = {
-        "body_rate": np.column_stack([whole(rate, math.radians(1.0)), nothing, nothing]),
-        "body_rate_setpoint": np.column_stack([whole(rate + error, math.radians(1.0)), nothing, nothing]),
-        "throttle": np.full((n_rows, 1), 0.3),
+        "body_rate": np.column_stack([whole(rate, unit), nothing, nothing]),
+        "body_rate_setpoint": np.column_stack([whole(rate + error, unit), nothing, nothing]),
+        "throttle": np.full((N_ROWS, 1), 1.0) * np.reshape(throttle, (-1, 1)),
     }
     return FlightLog(
         path="",
@@ -238,7 +258,7 @@ def calmly_flown(seed: int) -> FlightLog:
             ControllerTerms(
                 axis="roll",
                 rows=rows,
-                values={name: whole(values, 1e-3) for name, values in flown.items()},
+                values={name: whole(values, 1e-3) for name, values in terms.items()},
             ),
         ),
     )
@@ -247,9 +267,66 @@ def calmly_flown(seed: int) -> FlightLog:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_rate_rounded_for_p_and_d_at_once_is_no_other_controller(seed: int) -> None:
     """Behind D's low-passes both answer a rounded rate in phase; their sum is off by more than each alone."""
-    found = replayed(calmly_flown(seed))["roll"]
+    found = replayed(flown(seed, 8.0, STAYS))["roll"]
     assert found.agrees
     assert found.relative_rms["D"] is not None
+
+
+def test_a_low_pass_that_moves_with_the_throttle_is_replayed_as_it_moves() -> None:
+    """From 70 to 170 Hz, as the throttle goes up and down; at its mean it is off by a tenth of D."""
+    throttle = 0.5 - 0.4 * np.cos(2.0 * np.pi * 0.5 * STEP_S * np.arange(N_ROWS))
+    settings = FLOWN | {
+        "dterm_lpf1_dyn_hz[0]": 70.0,
+        "dterm_lpf1_dyn_hz[1]": 170.0,
+        "dterm_lpf1_dyn_expo": 5.0,
+    }
+    settings |= {"blackbox_high_resolution": 1.0}
+
+    def slope(rate: np.ndarray) -> np.ndarray:
+        """Filter as ``pt1FilterApply`` does, with a gain that moves."""
+        cut_off = 70.0 + 100.0 * throttle * (1.0 + 0.5 * (1.0 - throttle))
+        made, state = np.zeros_like(rate), np.zeros(2)
+        for row, change in enumerate(np.diff(rate, prepend=0.0) / STEP_S):
+            for number, hz in enumerate((cut_off[row], 210.0)):
+                gain = STEP_S / (STEP_S + 1.0 / (2.0 * np.pi * hz))
+                state[number] += gain * ((change if number == 0 else state[0]) - state[number])
+            made[row] = state[1]
+        return made
+
+    found = replayed(flown(0, 100.0, settings, throttle, slope))["roll"]
+    assert (found.relative_rms["D"] or 1.0) < 0.03
+
+
+@pytest.mark.parametrize(("settings", "reason"), [(AIRMODE, None), ({"features": 0.0}, ReplayReason.NO_ROWS)])
+def test_a_flight_of_flips_is_replayed_in_airmode(settings: dict, reason: ReplayReason | None) -> None:
+    """Its throttle is never up for four seconds; without airmode the PID does not work in between."""
+    throttle = np.where(STEP_S * np.arange(N_ROWS) % 2.0 < 1.0, 0.5, 0.0)
+    found = replayed(flown(0, 100.0, STAYS | settings, throttle))["roll"]
+    assert (found.agrees, found.reason) == (reason is None, reason)
+
+
+def test_before_4_3_d_fades_by_the_stick_not_by_the_throttle_that_it_makes() -> None:
+    """``thr_mid`` 55 and ``thr_expo`` 50 make 713.6 of 800."""
+    settings = {"thr_mid": 55.0, "thr_expo": 50.0}
+    stick = [
+        float(throttle_stick(settings, np.array([0.7136]), version)[0]) for version in ((4, 2), (4, 3), None)
+    ]
+    assert stick == pytest.approx([0.8, 0.7136, 0.7136], abs=1e-3)
+
+
+@pytest.mark.parametrize(("version", "expected"), [((4, 2), 0.65), ((4, 3), 0.801)])
+def test_d_fades_with_the_stick_where_the_version_has_it_so(
+    version: tuple[int, int], expected: float
+) -> None:
+    """By 70 % of full throttle above 60 %, at 80 % of stick, which make 71.36 % of throttle."""
+    settings = {"thr_mid": 55.0, "thr_expo": 50.0, "tpa_rate": 70.0, "tpa_breakpoint": 1600.0}
+    assert float(attenuation(settings, 0.7136, version)) == pytest.approx(expected, abs=0.01)
+
+
+def test_a_straight_throttle_is_that_of_the_stick() -> None:
+    """As it is by default."""
+    throttle = np.linspace(0.0, 1.0, 7)
+    np.testing.assert_allclose(throttle_stick({}, throttle, (4, 2)), throttle, atol=1e-12)
 
 
 def test_the_mean_d_lies_between_its_ends(corpus: Path) -> None:

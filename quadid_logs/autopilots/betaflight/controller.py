@@ -91,7 +91,7 @@ def controllers(
         return None
     version_read, note = read_version(log.version, VERSIONS_READ)
     found: dict[str, AxisController] = {}
-    remarks = list(_common_remarks(parameters, flown(log)))
+    remarks = list(_common_remarks(parameters, flown(log), log.version))
     for axis in axes:
         # Tell whether a setting makes another controller of an axis.
         other = {
@@ -137,7 +137,7 @@ def controllers(
 def _axis(log: FlightLog, parameters: Mapping[str, float], axis: str) -> AxisController:
     mean, period_s = flown(log), loop_period_s(parameters)
     gains = rate_gains(parameters, axis, log.version)
-    factor = float(attenuation(parameters, mean.throttle))
+    factor = float(attenuation(parameters, mean.throttle, log.version))
     of_p = gains.proportional * (factor if attenuates_p(parameters) else 1.0)
     of_d = gains.between(d_parts(log)[axis]) * factor
     error = p_filter(parameters, axis, period_s).scaled(of_p) + integrator(period_s).scaled(gains.integral)
@@ -174,7 +174,7 @@ def _named_filters(
         name = "dynamic notches" if has_dynamic_notches(parameters) else "further delay"
         yield NamedFilter(name=name, place=FilterPlace.GYRO, filter=late)
     gains = rate_gains(parameters, axis, log.version)
-    factor = float(attenuation(parameters, mean.throttle))
+    factor = float(attenuation(parameters, mean.throttle, log.version))
     of_d = gains.between(d_parts(log)[axis]) * factor
     slope = derivative(loop_s).scaled(of_d)
     of_slope = d_filters(parameters, mean.throttle, loop_s) if of_d else {}
@@ -210,7 +210,9 @@ def _named(parameters: Mapping[str, float], axis: str) -> dict[str, float]:
     return {name: parameters[name] for name in names if finite(parameters.get(name)) is not None}
 
 
-def _common_remarks(parameters: Mapping[str, float], mean: Flown) -> Iterator[ControllerRemark]:
+def _common_remarks(
+    parameters: Mapping[str, float], mean: Flown, version: tuple[int, ...] | None
+) -> Iterator[ControllerRemark]:
     """Yield what concerns all axes."""
     unseen = (*_DYNAMIC_NOTCH,) if has_dynamic_notches(parameters) else ()
     if has_rpm_notches(parameters) and not mean.rotors_hz:
@@ -218,7 +220,7 @@ def _common_remarks(parameters: Mapping[str, float], mean: Flown) -> Iterator[Co
     if unseen and not math.isfinite(mean.gyro_delay_s):
         values = {name: parameters[name] for name in unseen if name in parameters}
         yield ControllerRemark(kind=RemarkKind.NOTCH_UNKNOWN, values=values)
-    if float(attenuation(parameters, mean.highest_throttle)) < 1.0 - _FELT:
+    if float(attenuation(parameters, mean.highest_throttle, version)) < 1.0 - _FELT:
         names = ("tpa_rate", "tpa_breakpoint")
         values = {name: parameters[name] for name in names} | {"mean_throttle": mean.throttle}
         yield ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, values=values)

@@ -35,6 +35,10 @@ _YAW_INTEGRAL_SINCE: Final = (4, 0)
 #: TPA_MODE_PD: P is attenuated like D.
 _WITH_P: Final = 0.0
 _STICK_LOW, _STICK_RANGE = 1000.0, 1000.0
+#: The first version whose TPA goes by the throttle of the mixer.
+_MIXER_THROTTLE_SINCE: Final = (4, 3)
+#: Points of the curve from the stick to the throttle.
+_CURVE_POINTS: Final = 201
 #: pid[PID_LEVEL] is tenths of a rate per angle. Since 4.5 horizon mode fades the law of angle mode in, by
 #: hundredths of I at most; before, I took P's place.
 _LEVEL_UNIT: Final = 0.1
@@ -183,13 +187,17 @@ def rate_gains(settings: Mapping[str, float], axis: str, version: tuple[int, ...
     return RateGains(of_p * p, of_i * factor * i, of_d * least, of_d * most, of_f * forward)
 
 
-def attenuation(settings: Mapping[str, float], throttle: FloatArray | float) -> FloatArray:
+def attenuation(
+    settings: Mapping[str, float], throttle: FloatArray | float, version: tuple[int, ...] | None = None
+) -> FloatArray:
     """Return the factor on D by the throttle (TPA).
 
     Parameters
     ----------
     throttle : ndarray or float
-        From 0 to 1.
+        Of the mixer, from 0 to 1.
+    version : tuple of int or None
+        Of the firmware; None counts as a recent one.
 
     Returns
     -------
@@ -199,7 +207,40 @@ def attenuation(settings: Mapping[str, float], throttle: FloatArray | float) -> 
     rate = min(max(settings.get("tpa_rate", 0.0) / 100.0, 0.0), 1.0)
     if not 0.0 <= begin < 1.0 or settings.get("tpa_curve_type", 0.0) != 0.0:
         return np.ones_like(np.asarray(throttle, dtype=np.float64))
+    throttle = throttle_stick(settings, np.asarray(throttle, dtype=np.float64), version)
     return np.asarray(1.0 - rate * np.clip((throttle - begin) / (1.0 - begin), 0.0, 1.0))
+
+
+def throttle_stick(
+    settings: Mapping[str, float], throttle: FloatArray, version: tuple[int, ...] | None
+) -> FloatArray:
+    """Return the throttle that TPA goes by: since 4.3 the mixer's own, before that of the stick.
+
+    Parameters
+    ----------
+    throttle : ndarray
+        Of the mixer, from 0 to 1.
+    version : tuple of int or None
+        Of the firmware; None counts as a recent one.
+
+    Returns
+    -------
+    ndarray, same shape
+        From 0 to 1.
+
+    Notes
+    -----
+    ``fc_rc.c``, `updateRcCommands` and `generateThrottleCurve`: ``thr_mid`` and ``thr_expo`` bend the stick's
+    way to the mixer.
+    """
+    middle, bend = settings.get("thr_mid", 50.0) / 100.0, settings.get("thr_expo", 0.0) / 100.0
+    recent = version is None or version >= _MIXER_THROTTLE_SINCE
+    if recent or not (0.0 < middle < 1.0 and 0.0 <= bend <= 1.0):
+        return throttle
+    stick = np.linspace(0.0, 1.0, _CURVE_POINTS)
+    off = stick - middle
+    part = off / np.where(off > 0.0, 1.0 - middle, middle)
+    return np.asarray(np.interp(throttle, middle + off * (1.0 - bend + bend * part**2), stick))
 
 
 def derives_set_points(settings: Mapping[str, float]) -> bool:

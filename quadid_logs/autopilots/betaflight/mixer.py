@@ -61,9 +61,14 @@ def mix_factor(throttle: FloatArray, settings: Mapping[str, float]) -> FloatArra
     ndarray, shape (n,)
         1 with airmode; without, 0.5 to 1.
     """
-    if whole_number(settings.get("features"), _AIRMODE) & _AIRMODE:
+    if has_airmode(settings):
         return np.ones_like(throttle)
     return np.clip(0.5 + throttle, 0.5, 1.0)
+
+
+def has_airmode(settings: Mapping[str, float]) -> bool:
+    """Tell whether airmode is always on, whatever its switch says."""
+    return bool(whole_number(settings.get("features"), _AIRMODE) & _AIRMODE)
 
 
 def before_linearisation(output: FloatArray, amount: float, version: tuple[int, ...] | None) -> FloatArray:

@@ -26,6 +26,7 @@ from quadid_logs.autopilots.betaflight.law import (
     p_filter,
     rate_gains,
 )
+from quadid_logs.autopilots.betaflight.mixer import has_airmode
 from quadid_logs.autopilots.betaflight.signals import PID_SCALE, PID_SUM_LIMITS, STICK, cuts_terms
 from quadid_logs.autopilots.betaflight.sticks import sticks_of
 from quadid_logs.autopilots.loop_rows import Interval, in_step, longest_run, possible, within
@@ -53,6 +54,10 @@ _MOST_LOOPS: Final = 32
 
 #: Of what is made anew: where rounding is more of it, a gain wrong by a third would not be seen.
 _MOST_ROUNDING: Final = 0.25
+#: Throttles between which the answer of a low-pass that moves with it lies straight, and a range of throttles
+#: in which it hardly moves.
+_LEVELS: Final = 5
+_SAME_THROTTLE: Final = 0.05
 #: Frequencies that tell the mean of a smooth response.
 _POINTS: Final = 65
 
@@ -86,13 +91,15 @@ def replay_inputs(
     dict of str to ReplayInput
         Without axes whose terms were not logged.
     """
+    held = {each.axis: each for each in log.controller_terms if "P" in each.values}
+    axes = [axis for axis in controllers.axes if axis in held]
     logged = _logged(log, intervals)
-    found = {} if logged is None else {each.axis: each for each in log.controller_terms}
-    return {
-        axis: _input(log, axis, logged, found[axis])
-        for axis in controllers.axes
-        if logged is not None and axis in found and "P" in found[axis].values
-    }
+    found = {} if logged is None else {axis: _input(log, axis, logged, held[axis]) for axis in axes}
+    silent = [axis for axis in axes if axis not in found or math.isnan(found[axis].tolerance)]
+    # In airmode the PID works on without throttle, as in flips; but a throttle that is cut boosts P. So those
+    # rows are taken where the others say nothing.
+    more = _logged(log, intervals, without_throttle=True) if silent and has_airmode(log.parameters) else None
+    return found if more is None else found | {axis: _input(log, axis, more, held[axis]) for axis in silent}
 
 
 def _input(log: FlightLog, axis: str, logged: _Logged, terms_: ControllerTerms) -> ReplayInput:
@@ -110,7 +117,7 @@ def _input(log: FlightLog, axis: str, logged: _Logged, terms_: ControllerTerms) 
     gains: dict[Term, str] = {"P": f"p_{axis}"}
     if d_too:
         gains["D"] = f"d_{axis}"
-    law = partial(terms, axis=axis, part=d_parts(log)[axis] if d_too else None)
+    law = partial(terms, axis=axis, part=d_parts(log)[axis] if d_too else None, version=log.version)
     first = next((names for names in D_LOW_PASSES if settings.get(f"{names.dynamic}[0]", 0.0) > 0.0), None)
     of_d = (*(f"{first.dynamic}[{end}]" for end in (0, 1)),) if first else ("dterm_lpf1_static_hz",)
     return ReplayInput(
@@ -127,7 +134,9 @@ def _input(log: FlightLog, axis: str, logged: _Logged, terms_: ControllerTerms) 
     )
 
 
-def _logged(log: FlightLog, intervals: Sequence[Interval]) -> _Logged | None:
+def _logged(
+    log: FlightLog, intervals: Sequence[Interval], *, without_throttle: bool = False
+) -> _Logged | None:
     """Return what is needed of the frames, None where it is missing or too short."""
     setpoint = next(iter(log.candidates("body_rate_setpoint")), None)
     rate = setpoint and in_step(log, "body_rate", setpoint)
@@ -135,7 +144,8 @@ def _logged(log: FlightLog, intervals: Sequence[Interval]) -> _Logged | None:
     if setpoint is None or rate is None or throttle is None or setpoint.n_samples < 2:
         return None
     usable = within(setpoint.time_s, intervals) & possible(setpoint.values, rate.values, throttle.values)
-    run = longest_run(setpoint.time_s, usable & (throttle.values[:, 0] > LEAST_THROTTLE))
+    works = (throttle.values[:, 0] > LEAST_THROTTLE) | without_throttle
+    run = longest_run(setpoint.time_s, usable & works)
     return None if run is None else _Logged(setpoint, rate, throttle, run)
 
 
@@ -232,13 +242,22 @@ def _rounding(rows: AxisRows, settings: Mapping[str, float], axis: str) -> float
     return math.hypot(*found)
 
 
-def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str, part: float | None) -> ReplayedTerms:
+def terms(
+    rows: AxisRows,
+    parameters: Mapping[str, float],
+    *,
+    axis: str,
+    part: float | None,
+    version: tuple[int, ...] | None = None,
+) -> ReplayedTerms:
     """Replay P and D of pidController.
 
     Parameters
     ----------
     part : float or None
         Of the way from the lower to the higher D, on average; None where D stands in ``added``.
+    version : tuple of int or None
+        Of the firmware; None counts as a recent one.
 
     Returns
     -------
@@ -246,7 +265,7 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str, part: f
         I and feed-forward are zero: they stand in ``added``, as logged. Where D moves between two gains, D is
         the logged one as far as it lies between what both gains make.
     """
-    gains, factor = rate_gains(parameters, axis), attenuation(parameters, _throttle(rows))
+    gains, factor = rate_gains(parameters, axis), attenuation(parameters, _throttle(rows), version)
     error = (rows.target - rows.rate) * (factor if attenuates_p(parameters) else 1.0)
     period_s = float(np.median(rows.step_s))
     loop_s, n_loops = loops_of(period_s, parameters)
@@ -255,7 +274,7 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str, part: f
     )
     derivative = np.zeros(rows.n_rows)
     if part is not None:
-        slope = _slope(rows, parameters)
+        slope = _slope(rows, parameters, version)
         derivative = gains.between(part) * slope
         if "D" in rows.logged and gains.most_derivative > gains.derivative:
             ends = (gains.derivative * slope, gains.most_derivative * slope)
@@ -266,11 +285,26 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str, part: f
     return ReplayedTerms(values, np.zeros(rows.n_rows, np.bool_))
 
 
-def _slope(rows: AxisRows, parameters: Mapping[str, float]) -> FloatArray:
-    """Return what a D of 1 makes of the rates."""
+def _slope(rows: AxisRows, parameters: Mapping[str, float], version: tuple[int, ...] | None) -> FloatArray:
+    """Return what a D of 1 makes of the rates, with low-passes that move with the throttle."""
     loop_s, n_loops = loops_of(float(np.median(rows.step_s)), parameters)
-    used = d_filter(parameters, float(_throttle(rows).mean()), loop_s)
-    return -attenuation(parameters, _throttle(rows)) * _at_rows(used, rows.rate, n_loops)
+    throttle = _throttle(rows)
+
+    def behind(level: float) -> FloatArray:
+        return _at_rows(d_filter(parameters, level, loop_s), rows.rate, n_loops)
+
+    moves = any(parameters.get(f"{names.dynamic}[0]", 0.0) > 0.0 for names in D_LOW_PASSES)
+    ends = (float(throttle.min(initial=1.0)), float(throttle.max(initial=0.0)))
+    if not moves or ends[1] - ends[0] < _SAME_THROTTLE:
+        slope = behind(float(throttle.mean()))
+    else:
+        # A low-pass that moves keeps its state: it goes from the answer at one throttle to that at the next.
+        levels = np.linspace(*ends, _LEVELS)
+        place = (throttle - ends[0]) / (levels[1] - levels[0])
+        slope = np.zeros(rows.n_rows)
+        for number, level in enumerate(levels):
+            slope += np.maximum(1.0 - np.abs(place - number), 0.0) * behind(float(level))
+    return -attenuation(parameters, throttle, version) * slope
 
 
 def _throttle(rows: AxisRows) -> FloatArray:
@@ -319,7 +353,7 @@ def _part(log: FlightLog, axis: str, logged: _Logged | None) -> float:
     if logged is None or found is None or logged.thinned_for_d:
         return 0.5
     rows = _rows(axis, logged, found, log.parameters, d_too=True)
-    lowest = gains.derivative * _slope(rows, log.parameters)
+    lowest = gains.derivative * _slope(rows, log.parameters, log.version)
     size = float(lowest @ lowest)
     more = float(lowest @ rows.logged["D"]) / size - 1.0 if size > 0.0 else 0.0
     return min(max(more / (gains.most_derivative / gains.derivative - 1.0), 0.0), 1.0)
