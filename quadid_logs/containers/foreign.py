@@ -27,6 +27,9 @@ _KINDS: Final = (
              "This is an archive: unpack it."),
     _Foreign((b"PA\x05", b"PA\x06"), "This looks like a dump of ArduPilot's parameter storage (eeprom)."),
     _Foreign((b"\x89HDF", b"MATLAB"), "This is a MATLAB or HDF5 file: export the columns to CSV or Parquet."),
+    _Foreign((b"loopIteration,", b'"loopIteration",', b'"Product",'),
+             "This table was made of a Blackbox log: take the log itself (.bbl, .bfl, .txt)."),
+    _Foreign((b'{"meta":',), "This was made of an ArduPilot log: take the log itself (.bin)."),
     _Foreign((b"#ROSBAG", b"\x89MCAP", b"SQLite"),
              "This is a ROS bag: export its columns to CSV or Parquet."),
 )  # fmt: skip

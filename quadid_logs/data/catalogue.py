@@ -240,7 +240,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Integrated, the rates turn the vehicle upside down for much of its flight, or they "
                 "exceed what a gyro can measure. Usually the table holds deg/s where rad/s are needed, "
                 "which makes every effectiveness 57 times too large.",
-                "Give the body rates of a table in rad/s. If it did fly like that, log the attitude too.",
+                "Give the body rates of a table in rad/s. Where the vehicle tumbled, choose the flight "
+                "before that with --end-s. If it did fly like that, log the attitude too.",
             ),
             _entry(
                 "QL321",

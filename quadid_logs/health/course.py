@@ -141,7 +141,15 @@ def find_throttle(throttle: CleanSeries, intervals: Sequence[Interval]) -> Cours
     low, high = _HOVER
     told = f"The median throttle is {_percent(half)}, "
     level: Level = "normal"
-    if half < low:
+    cut = record.values <= 1.0 - _AT_END
+    rest = float(np.median(record.values[~cut])) if cut.any() and not cut.all() else half
+    if half < low <= rest:
+        level = "fact"
+        told += (
+            f"and {_percent(rest)} without the {number(100.0 * float(np.mean(cut)), 2)} % of the flight in "
+            "which it is at its lower end: it does not show where the vehicle hovers."
+        )
+    elif half < low:
         told += f"less than the {_percent(low)} of most vehicles in hover: there is power to spare."
     elif half <= high:
         told += f"which is normal (most vehicles hover at {_percent(low)} to {_percent(high)})."

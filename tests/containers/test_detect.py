@@ -89,12 +89,27 @@ def _zip(folder: Path) -> bytes:
         (b"\n<!DOCTYPE html><html><body>Sign in</body></html>", "web page"),
         (gzip.compress(b"log"), "gzip"),
         (b"Dear diary, today I flew.\n", "text"),
+        (b"loopIteration, time (us), axisP[0], axisP[1]\n 0, 49098688, -1, -11\n", r"the log itself \(.bbl"),
+        (b'"loopIteration","time","axisP[0]"\n0,49098688,-1\n', r"the log itself \(.bbl"),
+        (b'{"meta": {"timestamp": 1.5, "type": "FMT"}, "data": {}}\n', r"the log itself \(.bin"),
         (b"speed,height\n1,2\n", "time_s"),
         (bytes(5000), "zeros"),
         (b"\xff" * 5000, "erased flash"),
         (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "Known are"),
     ],
-    ids=["lfs", "html", "gzip", "prose", "other-table", "zeros", "flash", "image"],
+    ids=[
+        "lfs",
+        "html",
+        "gzip",
+        "prose",
+        "decoded",
+        "exported",
+        "dumped",
+        "other-table",
+        "zeros",
+        "flash",
+        "image",
+    ],
 )
 def test_the_hint_says_what_a_foreign_file_looks_like(content: bytes, words: str, tmp_path: Path) -> None:
     """One sentence on what it is and what to do."""

@@ -382,6 +382,14 @@ def test_a_log_without_data_is_called_empty(tmp_path: Path) -> None:
         read_log(write(tmp_path, make.header() + make.definitions()))
 
 
+def test_a_log_of_another_program_is_not_called_a_flight_that_did_not_happen(tmp_path: Path) -> None:
+    """Fetching it again, as was advised, brings no topic of PX4."""
+    other = make.small_log().replace(b"vehicle_angular_velocity", b"light_control_of_a_show_")
+    other = other.replace(b"vehicle_torque_setpoint", b"path_planner_of_a_show_")
+    with pytest.raises(EmptyLogError, match="only light_control_of_a_show_ and path_planner_of_a_show_"):
+        read_log(write(tmp_path, other))
+
+
 @pytest.mark.parametrize("step", [7, 16, 23])
 def test_a_flood_of_file_headers_costs_only_itself(step: int, tmp_path: Path) -> None:
     """What looks like a joined file is none unless its messages follow."""

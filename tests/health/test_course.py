@@ -57,6 +57,24 @@ def test_a_throttle_far_above_a_hovers_is_high(half: float, level: str) -> None:
     assert found.level == level
 
 
+def test_a_throttle_that_is_cut_half_of_the_time_shows_no_hover() -> None:
+    """A flight of flips at 40 % had "power to spare", with a median of 0 %."""
+    values = np.where(np.arange(T.size) % 100 < 55, 0.0, 0.4)[:, None]
+    found = find_throttle(series("throttle", T, values), FLIGHT)
+    assert found is not None
+    assert found.level == "fact"
+    assert "spare" not in found.sentence
+    assert "55 %" in found.sentence
+
+
+def test_a_light_throttle_that_is_cut_now_and_then_is_light() -> None:
+    """12 % while it is up, which is below the 20 % of most vehicles in hover."""
+    values = np.where(np.arange(T.size) % 100 < 20, 0.0, 0.12 + 0.001 * (np.arange(T.size) % 2))[:, None]
+    found = find_throttle(series("throttle", T, values), FLIGHT)
+    assert found is not None
+    assert (found.level, "spare" in found.sentence) == ("normal", True)
+
+
 def test_a_throttle_that_never_changes_is_not_judged() -> None:
     """Nobody flies so: it is a value that was left there."""
     assert find_throttle(series("throttle", T, np.full((T.size, 1), 0.3)), FLIGHT) is None

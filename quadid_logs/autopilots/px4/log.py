@@ -28,10 +28,13 @@ from quadid_logs.containers.ulog import UlogContent, read_content
 from quadid_logs.counting import counted
 from quadid_logs.data.log import FlightLog, LogText, ModeChange, ParameterChange, Signal
 from quadid_logs.errors import EmptyLogError
+from quadid_logs.sentences import listed
 
 #: Receivers, with the time of day; the second since 1.14.
 _RECEIVERS: Final = ("vehicle_gps_position", "sensor_gps")
 _STATUS: Final = ("is_vtol", "system_type", "vehicle_type")
+#: Topics that are named where none is known.
+_NAMED: Final = 4
 
 
 def read(path: str | Path, *, system: int = 0) -> FlightLog:
@@ -45,13 +48,19 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     Raises
     ------
     EmptyLogError
-        If the file holds no data message that can be read.
+        If the file holds no data message that can be read, or no topic that PX4 writes of a flight.
     """
     content = read_content(path, messages_of(SOURCES) | {*_RECEIVERS, INTEGRATORS} | TOPICS)
     if not content.counts:
         raise EmptyLogError(
             f"{path} begins as a ULog, but holds no data message that can be read.",
             hint="The file was cut off or its definitions are damaged; copy it from the SD card again.",
+        )
+    if not content.topics:
+        raise EmptyLogError(
+            f"{path} holds no topic that PX4 writes of a flight, only {listed(_largest(content))}.",
+            hint="Another program wrote it, or these are not the topics of a flight: take another log, or "
+            "export a table.",
         )
     known = content.definitions
     found, seen = _signals(content)
@@ -88,6 +97,12 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         utc_offset_s=_utc_offset_s(content),
         remarks=_remarks(content, system),
     )
+
+
+def _largest(content: UlogContent) -> list[str]:
+    """Return the names of the topics with the most messages."""
+    counts = sorted(content.counts, key=lambda one: -one.count)
+    return [*dict.fromkeys(one.name for one in counts)][:_NAMED]
 
 
 def _signals(content: UlogContent) -> tuple[dict[str, tuple[Signal, ...]], dict[str, FloatArray]]:
