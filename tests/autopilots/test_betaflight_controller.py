@@ -272,6 +272,51 @@ def test_a_rate_rounded_for_p_and_d_at_once_is_no_other_controller(seed: int) ->
     assert found.relative_rms["D"] is not None
 
 
+@pytest.mark.parametrize("gain_off", [1.0, 1.3])
+def test_vibration_faster_than_the_rows_behind_yaws_low_pass_is_no_other_controller(gain_off: float) -> None:
+    """One frame in eight loops; a gain that is off by a third still shows."""
+    loop_s, every, n_loops = 125e-6, 8, 64_000
+    random = np.random.default_rng(0)
+    rate = signal.lfilter(*signal.butter(2, 15.0, fs=1.0 / loop_s), random.normal(size=n_loops))
+    shaken = signal.lfilter(
+        *signal.butter(2, (300.0, 480.0), "bandpass", fs=1.0 / loop_s), random.normal(size=n_loops)
+    )
+    rate = math.radians(20.0) * rate / rate.std() + math.radians(20.0) * shaken / shaken.std()
+    settings = {**YAW, "looptime": 1e6 * loop_s, "pid_process_denom": 1.0, "yaw_lowpass_hz": 100.0}
+    part = loop_s / (loop_s + 1.0 / (2.0 * math.pi * 100.0))
+    passed = signal.lfilter([part], [1.0, part - 1.0], -rate)[::every]
+    rows = Rows(every * loop_s * np.arange(passed.size), np.arange(passed.size))
+    values = {
+        "body_rate": whole(rate[::every], math.radians(1.0)),
+        "body_rate_setpoint": np.zeros(passed.size),
+        "throttle": np.full(passed.size, 0.3),
+    }
+    log = replace(
+        flown(0, 8.0, STAYS),
+        parameters=settings,
+        signals={
+            name: (
+                Signal(
+                    name=name,
+                    source="main",
+                    reason="",
+                    rows=rows,
+                    values=each[:, None] * ([1.0] if name == "throttle" else [0.0, 0.0, 1.0]),
+                ),
+            )
+            for name, each in values.items()
+        },
+        controller_terms=(
+            ControllerTerms(
+                axis="yaw",
+                rows=rows,
+                values={"P": whole(gain_off * rate_gains(settings, "yaw").proportional * passed, 1e-3)},
+            ),
+        ),
+    )
+    assert replayed(log)["yaw"].agrees == (gain_off == 1.0)
+
+
 def test_a_low_pass_that_moves_with_the_throttle_is_replayed_as_it_moves() -> None:
     """From 70 to 170 Hz, as the throttle goes up and down; at its mean it is off by a tenth of D."""
     throttle = 0.5 - 0.4 * np.cos(2.0 * np.pi * 0.5 * STEP_S * np.arange(N_ROWS))

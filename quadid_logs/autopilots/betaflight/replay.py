@@ -211,7 +211,10 @@ def _tolerance(rows: AxisRows, settings: Mapping[str, float], axis: str, by_stic
     )
     if not 0.0 < rounding <= _MOST_ROUNDING * anew or not size > 0.0:
         return math.nan
-    fast = _fast_part(rows.logged["D"][settled]) if "D" in rows.logged else 0.0
+    # Between the rows what is fast passes D's filters, and yaw's low-pass, unseen.
+    loop_s, _ = loops_of(float(np.median(rows.step_s)), settings)
+    passes = {"P": p_filter(settings, axis, loop_s).denominator.size > 1, "D": True}
+    fast = math.hypot(*(_fast_part(values[settled]) for term, values in rows.logged.items() if passes[term]))
     # P and D differ on their own, whatever of both cancels in their sum.
     return math.hypot(_TOLERANCE * of_p, _TOLERANCE * of_d, rounding, fast) / size
 
