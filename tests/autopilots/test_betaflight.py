@@ -266,6 +266,18 @@ def test_a_frame_that_mixes_otherwise_is_not_taken_for_a_quad_x() -> None:
     assert "custom mixer" in found.remark
 
 
+def test_a_mixer_that_takes_half_of_the_sums_at_low_throttle_is_that_of_its_frame() -> None:
+    """Without airmode, at a throttle of next to nothing."""
+    log = mixed(MIX)
+    sums, motors = (log.candidates(name)[0] for name in ("torque_command", "motor_thrust"))
+    halved = motors.values - 0.45 * (sums.values * TO_FRD) @ MIX.T
+    frame = find_airframe(
+        replace(log, signals={**log.signals, "motor_thrust": (replace(motors, values=halved),)})
+    )
+    assert isinstance(frame, Airframe)
+    assert frame.name == "quad X"
+
+
 @pytest.mark.parametrize("axis", range(3))
 def test_a_collective_that_moves_with_the_sums_does_not_hide_the_frame(axis: int) -> None:
     """Dynamic idle and throttle boost add to all motors what the logged throttle does not hold."""
