@@ -12,6 +12,7 @@ import pytest
 
 from quadid_logs.cli.tune import _show
 from quadid_logs.data.closed_loop import LoopMargins, Margins
+from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, Tuning
 from quadid_logs.report.gain_files import gain_files
@@ -167,13 +168,27 @@ def test_not_there_yet_is_said_where_the_true_loop_may_lack_margin(case: Case) -
     assert "keep the margins" not in case.view.sentence
 
 
+def not_told_apart(told: Finding, true: LoopMargins) -> bool:
+    """Whether the flight allows both the true loop and one with less margin than is to be kept."""
+    for name, limit in KEPT.items():
+        figure, seen = getattr(outer(true), name), told.evidence.get(name)
+        if figure is not None and seen is not None:
+            low, high = seen["ci95"]
+            if low < limit and low * (1.0 - MODEL) <= figure.value <= high * (1.0 + MODEL):
+                return True
+    return False
+
+
 def test_only_loops_that_are_close_to_instability_are_called_so(case: Case) -> None:
-    """Fear is for these; a sound race tune has 43 degrees."""
+    """Fear is for these; a sound race tune has 43 degrees. What may lack margin is no better known."""
     told = [one for one in case.result.diagnosis.findings if one.code == "QL601" and case.axis in one.axes]
     for one in told:
         close = "close to instability" in one.title
         assert close == ("land if the vehicle shakes" in one.advice) == (one.level == "warning")
-        assert kept(case.true_now, CLOSE) < 1.0 + MODEL if close else kept(case.true_now) < 1.0 + MODEL
+        if "may have less" in one.title:
+            assert not_told_apart(one, case.true_now)
+        else:
+            assert kept(case.true_now, CLOSE if close else KEPT) < 1.0 + MODEL
 
 
 def ways(text: str) -> set[str]:
