@@ -11,7 +11,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.conditioning import conditioned
-from quadid_logs.control.flexible_mode import frame_modes
+from quadid_logs.control.flexible_mode import Measured, frame_modes
 from quadid_logs.control.frequency_response import (
     Confirmation,
     Lines,
@@ -147,6 +147,7 @@ def close_loop_of_earlier(
         fitted_hz=model.smoothing_hz,
         known_hz=known_hz,
         n=plants.effectiveness.size - 1,
+        measured=_measured_response(found, controller),
     )
     seen = found.seen
     return AxisLoop(
@@ -295,6 +296,7 @@ def vehicles(
         fitted_hz=model.smoothing_hz,
         known_hz=found.supported.known_hz,
         n=plants.effectiveness.size - 1,
+        measured=_measured_response(found, controller),
     )
     modes = None if frame is None else frame.modes
     return found._replace(plants=found.plants._replace(modes=modes), frame=frame)
@@ -309,9 +311,20 @@ def _compared(
         crossover_hz = _crossover_hz(plants, controller)
         seen = _seen(lines, controller, plants.at(slice(0, 1)))
         if np.isfinite(crossover_hz):
-            allowed = plants.response(seen.ratio.frequency_hz, controller.period_s)
-            supported = confirm(seen.ratio, crossover_hz, fitted_hz, allowed[1:] / allowed[:1])
+            supported = confirm(seen.ratio, crossover_hz, fitted_hz, _over_estimate(plants, seen, controller))
     return Vehicles(plants, fitted, lines, seen, supported)
+
+
+def _over_estimate(plants: Plant, seen: Seen, controller: AxisController) -> ComplexArray:
+    """Return the drawn vehicles over the estimate where the response is known, (n_plants, n_bands)."""
+    allowed = plants.response(seen.ratio.frequency_hz, controller.period_s)
+    return np.asarray(allowed[1:] / allowed[:1])
+
+
+def _measured_response(found: Vehicles, controller: AxisController) -> Measured | None:
+    if found.seen is None:
+        return None
+    return Measured(found.seen.ratio, _over_estimate(found.plants, found.seen, controller))
 
 
 def _crossover_hz(plants: Plant, controller: AxisController) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.control.frequency_response import MOST_OF_RATE
+from quadid_logs.control.frequency_response import BAND_WIDTH, MOST_OF_RATE, Response, distances
 from quadid_logs.control.loop import close, gyro_filters, rate_loop
 from quadid_logs.control.margins import fine_grid_hz
 from quadid_logs.data.closed_loop import FrameModes, ModeEvidence, Modes, Plant
@@ -95,6 +95,16 @@ class _Noise(NamedTuple):
     n_independent: FloatArray
 
 
+class Measured(NamedTuple):
+    """The measured response of a vehicle over that of the estimate, in the bands that are known.
+
+    ``drawn`` are vehicles that the fit allows over the estimate, (n_plants, n_bands); None where it is one.
+    """
+
+    ratio: Response
+    drawn: ComplexArray | None = None
+
+
 class _Candidates(NamedTuple):
     """Modes that are looked for: frequencies, and damping and gain of each kind (n_kinds,)."""
 
@@ -112,6 +122,7 @@ def frame_modes(
     fitted_hz: float,
     known_hz: float,
     n: int,
+    measured: Measured | None = None,
 ) -> FrameModes | None:
     """Return the modes that the flight allows about one axis.
 
@@ -127,6 +138,9 @@ def frame_modes(
         Up to where, and up to where its measured response agrees with it: no mode is there.
     n : int
         How many are drawn, after that of the estimate.
+    measured : Measured, optional
+        What the log shows of the vehicle's response: a mode above it, of which it would show the skirt, is
+        none.
 
     Returns
     -------
@@ -138,6 +152,8 @@ def frame_modes(
         return None
     noise = _noise(data, number, controller, estimate, fitted_hz)
     gained = _log_likelihood(noise, wanted, controller, estimate)
+    if measured is not None:
+        gained = gained - np.tile(_ruled_out(wanted, measured), len(_OF_AIR))
     modes, absent = _weighed(wanted, gained, (controller, estimate), n)
     seen = absent < _SEEN
     line_hz, height = _highest(noise, float(modes.natural_hz[0])) if seen else (np.nan, np.nan)
@@ -446,6 +462,29 @@ def _log_likelihood(
     )
     of_chance = max(deviance / max(np.count_nonzero(used), 1), 1.0)
     return np.asarray(found.reshape(wanted.natural_hz.size, -1) / of_chance, dtype=np.float64)
+
+
+def _ruled_out(wanted: _Candidates, measured: Measured) -> FloatArray:
+    """Return by how much each mode makes the measured response less likely, (n_frequencies, n_kinds).
+
+    Below a mode the response changes by its skirt, 1 + gain h, over whole bands: taken at the lower end of
+    each, where it is least. A response that is more like the mode's than the model's proves none: a lag of
+    another order changes it, too. What is off without any mode is not modelled, and counts as for the noise.
+    """
+    found = np.zeros((wanted.natural_hz.size, wanted.gain.size))
+    for place, natural_hz in enumerate(wanted.natural_hz.tolist()):
+        below = measured.ratio.frequency_hz * BAND_WIDTH < natural_hz
+        ratio, n_below = measured.ratio.of(below), int(np.count_nonzero(below))
+        if not n_below:
+            continue
+        x = ratio.frequency_hz / np.sqrt(BAND_WIDTH) / natural_hz
+        h = x**2 / (1.0 - x**2 + 2j * wanted.damping_ratio[:, np.newaxis] * x)
+        expected = np.vstack([np.ones(n_below), 1.0 + wanted.gain[:, np.newaxis] * h])
+        drawn = None if measured.drawn is None else measured.drawn[:, below]
+        off = distances(ratio, drawn, expected)
+        of_chance = max(float(off[0]) / (2.0 * n_below), 1.0)
+        found[place] = np.maximum(off[1:] - off[0], 0.0) / (2.0 * of_chance)
+    return found
 
 
 def _deviance(ratio: FloatArray) -> FloatArray:

@@ -24,7 +24,7 @@ from quadid_logs.maths.spectra import WINDOW_S
 #: From half a hertz, the resolution of a window, eight octaves to 128 Hz, above any crossover; in thirds.
 _LOWEST_HZ: Final = 0.5
 _OCTAVES: Final = 8
-_WIDTH: Final = 2.0 ** (1.0 / 3.0)
+BAND_WIDTH: Final = 2.0 ** (1.0 / 3.0)
 THIRDS: Final = 3
 #: Above this fraction of the sample rate, the response is that of what happens between the samples.
 MOST_OF_RATE = 0.35
@@ -51,13 +51,15 @@ class Response(NamedTuple):
 
     def known(self) -> Response:
         """Return the bands that are known well enough to judge a margin by."""
-        good = self.error <= _LARGEST_ERROR
-        return Response(self.frequency_hz[good], self.gain[good], self.error[good])
+        return self.of(self.error <= _LARGEST_ERROR)
 
     def up_to(self, highest_hz: float) -> Response:
         """Return the bands up to a frequency."""
-        kept = self.frequency_hz <= highest_hz
-        return Response(self.frequency_hz[kept], self.gain[kept], self.error[kept])
+        return self.of(self.frequency_hz <= highest_hz)
+
+    def of(self, bands: BoolArray) -> Response:
+        """Return some of the bands, which are marked (n_bands,)."""
+        return Response(self.frequency_hz[bands], self.gain[bands], self.error[bands])
 
 
 class Lines(NamedTuple):
@@ -194,12 +196,12 @@ def response(
     leaves over that of its input, per independent line.
     """
     lowest_hz = _LOWEST_HZ * 2.0 ** (np.arange(_OCTAVES * per_octave) / per_octave)
-    where = lowest_hz * np.sqrt(_WIDTH)
+    where = lowest_hz * np.sqrt(BAND_WIDTH)
     highest_hz = MOST_OF_RATE * 2.0 * frequency_hz[-1]
     kept_density: list[float] = []
     gain, error = np.full(where.size, np.nan + 0j), np.full(where.size, np.inf)
     for band, low in enumerate(lowest_hz):
-        lines = (frequency_hz >= low) & (frequency_hz < min(low * _WIDTH, highest_hz))
+        lines = (frequency_hz >= low) & (frequency_hz < min(low * BAND_WIDTH, highest_hz))
         z, u, y = (each[:, lines] for each in (driven_by, cause, effect))
         density, power = float(np.mean(np.abs(z) ** 2)) if z.size else 0.0, np.vdot(z, u)
         if abs(power) <= np.finfo(float).tiny or density < _LEAKAGE * max(
@@ -276,15 +278,32 @@ def confirm(
 
 
 def _distance(ratio: Response, drawn: ComplexArray | None, bands: BoolArray) -> float:
-    """Return the squared distance of some bands from one, over what is known of it.
+    """Return the squared distance of some bands from the model."""
+    some, n_bands = None if drawn is None else drawn[:, bands], np.count_nonzero(bands)
+    return float(distances(ratio.of(bands), some, np.ones((1, n_bands), dtype=np.complex128))[0])
 
-    Each band has two degrees of freedom. What the model leaves open is alike in neighbouring bands: its
-    covariance is that of the drawn vehicles.
+
+def distances(ratio: Response, drawn: ComplexArray | None, expected: ComplexArray) -> FloatArray:
+    """Return the squared distance of a measured response from others, over what is known of it.
+
+    Parameters
+    ----------
+    ratio : Response
+        Measured over modelled.
+    drawn : ndarray of complex, shape (n_plants, n_bands), optional
+        Vehicles that the fit allows, over the model.
+    expected : ndarray of complex, shape (n, n_bands)
+        Over the model, too.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Each band has two degrees of freedom. What the model leaves open is alike in neighbouring bands: its
+        covariance is that of the drawn vehicles.
     """
-    off = ratio.gain[bands] - 1.0
-    covariance = np.diag(np.tile(0.5 * ratio.error[bands] ** 2 + TOLERANCE**2, 2))
+    off = ratio.gain - expected
+    covariance = np.diag(np.tile(0.5 * ratio.error**2 + TOLERANCE**2, 2))
     if drawn is not None and len(drawn) > 1:
-        parts = np.hstack([drawn[:, bands].real, drawn[:, bands].imag])
-        covariance = covariance + np.cov(parts, rowvar=False)
-    both = np.concatenate([off.real, off.imag])
-    return float(both @ np.linalg.solve(covariance, both))
+        covariance = covariance + np.cov(np.hstack([drawn.real, drawn.imag]), rowvar=False)
+    both = np.hstack([off.real, off.imag])
+    return np.asarray(np.sum(both * np.linalg.solve(covariance, both.T).T, axis=1))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from quadid_logs import analyze
-from quadid_logs.control.flexible_mode import frame_modes, with_earlier
+from quadid_logs.control.flexible_mode import Measured, frame_modes, with_earlier
+from quadid_logs.control.frequency_response import Response
 from quadid_logs.control.loop import close, gyro_filters, rate_loop
 from quadid_logs.data.closed_loop import FrameModes, Modes, Plant
 from quadid_logs.data.flight import FlightData
@@ -63,8 +64,10 @@ def hover(
     return replace(still, segments=(segment,), flights=((0.0, seconds),), duration_s=seconds)
 
 
-def allowed(data: FlightData, known_hz: float = 5.0) -> FrameModes:
-    found = frame_modes(data, 0, VEHICLE.controller, PLANT, fitted_hz=5.0, known_hz=known_hz, n=160)
+def allowed(data: FlightData, known_hz: float = 5.0, measured: Measured | None = None) -> FrameModes:
+    found = frame_modes(
+        data, 0, VEHICLE.controller, PLANT, fitted_hz=5.0, known_hz=known_hz, n=160, measured=measured
+    )
     assert found is not None
     return found
 
@@ -127,6 +130,33 @@ def test_a_stiff_frame_keeps_its_gain_margin_but_for_what_a_minute_cannot_rule_o
     assert not found.seen
     assert found.modes.gain[0] == 0.0
     assert gain_margin_db(rigid) - 6.0 < lowest_db(found)
+
+
+def measured_up_to(highest_hz: float, loop: np.ndarray) -> Measured:
+    """Return the response of a vehicle in third octaves, each as a mean over it, known to 3 %."""
+    at_hz = 5.0 * 2.0 ** (np.arange(12) / 3.0)
+    at_hz = at_hz[at_hz <= highest_hz]
+    over_rigid = loop / loop_of(30.0, 0.05, 0.0)
+    means = [np.mean(over_rigid[np.abs(np.log2(FREQUENCY_HZ / each)) < 1.0 / 6.0]) for each in at_hz]
+    return Measured(Response(at_hz, np.array(means), np.full(at_hz.size, 0.03)))
+
+
+def test_a_measured_response_without_a_skirt_rules_out_the_mode_above_it() -> None:
+    """A propeller's line at 50 Hz might be a mode, if the response up to 33 Hz were not a stiff vehicle's."""
+    stiff = loop_of(30.0, 0.05, 0.0)
+    with_line = hover(stiff, 40.0, line_hz=50.0)
+    blind, known = (
+        lowest_db(allowed(with_line, measured=one)) for one in (None, measured_up_to(33.0, stiff))
+    )
+    assert blind < gain_margin_db(stiff) - 3.0
+    assert known > gain_margin_db(stiff) - 1.0
+
+
+@pytest.mark.parametrize("mode", thorough_but([_HIGH], [_LOW, _MIDDLE, _HIGH]))
+def test_a_measured_response_hides_no_mode_whose_skirt_it_shows(mode: tuple[float, float, float]) -> None:
+    loop = loop_of(*mode)
+    found = allowed(hover(loop, 40.0), measured=measured_up_to(0.8 * mode[0], loop))
+    assert lowest_db(found) <= gain_margin_db(loop) + 1.0
 
 
 def test_a_log_that_shows_no_noise_rules_nothing_out() -> None:
