@@ -78,7 +78,8 @@ def windows_table(result: Result) -> Table | None:
         caption="Windows: each one solves H_k by itself",
         head=("structure", "windows", "used", "width × stride", "condition number", "full rank"),
         rows=rows,
-        note="Condition number of the column-scaled H_k: median, then 5 to 95 %. Noise grows by as much.",
+        note="Condition number of the column-scaled H_k: median, then 5 to 95 %. The relative error of a "
+        "window's coefficients is at most that many times the relative error of its data.",
     )
 
 
