@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -115,14 +115,6 @@ def find_in_structure(data: FlightData, identification: Identification) -> Itera
     ------
     Finding
     """
-    rotors_told = bool(data.segments) and all(one.rotor_thrust is not None for one in data.segments)
-    for one in _found(data, identification):
-        # What the motors were sent is in the log, and which rotor each of them is: there is nothing to do.
-        nothing_missing = rotors_told and one.code == _LAG and one.level != "error"
-        yield replace(one, advice="") if nothing_missing else one
-
-
-def _found(data: FlightData, identification: Identification) -> Iterator[Finding]:
     yield from _rates(data)
     model = identification.recommended
     if model is None:
@@ -137,12 +129,13 @@ def _found(data: FlightData, identification: Identification) -> Iterator[Finding
     yield from _commanded_rates(model, explained, may_be_rate=not given)
     yield from _coarse_steps(data, explained)
     computed = _computed_from_rates(identification.excitation)
+    rotors_told = bool(data.segments) and all(one.rotor_thrust is not None for one in data.segments)
     for number in explained:
         if number in computed:
             yield _computed(identification.excitation[number], AXES[number])
         else:
-            yield from _axis(identification, model, number, AXES[number])
-    yield from _by_spectra(identification.spectral)
+            yield from _axis(identification, model, number, rotors_told=rotors_told)
+    yield from _by_spectra(identification.spectral, rotors_told=rotors_told)
     if model.structural is not None and not computed:
         yield from _whole_model(model.structural, data.sample_period_s)
     if any(segment.reference is None for segment in data.segments):
@@ -226,13 +219,15 @@ def _feedback(model: Model) -> dict[str, object]:
     return {f"{axis}_higher_by": rounded(each, 2) for axis, each in zip(AXES, check.feedback, strict=True)}
 
 
-def _axis(identification: Identification, model: Model, number: int, axis: str) -> Iterator[Finding]:
+def _axis(
+    identification: Identification, model: Model, number: int, *, rotors_told: bool
+) -> Iterator[Finding]:
     """Judge one axis: what makes its number worthless is enough, then what would change it."""
     told = any(fit.is_told for fit in identification.spectral[number : number + 1])
     if holds_one_frequency(identification.excitation, number):
-        yield _one_frequency(identification.excitation[number], axis, told=told)
+        yield _one_frequency(identification.excitation[number], AXES[number], told=told)
     elif model.structural is not None:
-        yield from _effects(model.structural, number, axis, averaged=told)
+        yield from _effects(model.structural, number, averaged=told, rotors_told=rotors_told)
 
 
 def _one_frequency(excitation: Excitation, axis: str, *, told: bool) -> Finding:
@@ -308,7 +303,7 @@ def _commanded_rates(model: Model, numbers: Sequence[int], *, may_be_rate: bool)
         yield finding("QL521", "error", evidence, axes=tuple(evidence))
 
 
-def _by_spectra(fits: Sequence[SpectralFit]) -> Iterator[Finding]:
+def _by_spectra(fits: Sequence[SpectralFit], *, rotors_told: bool = False) -> Iterator[Finding]:
     """Name the effects of which an effectiveness that comes from answers to commands knows."""
     for axis, fit in zip(AXES, fits, strict=False):
         for effect in fit.effects if fit.is_told else ():
@@ -325,18 +320,23 @@ def _by_spectra(fits: Sequence[SpectralFit]) -> Iterator[Finding]:
             }
             if effect == "varying gain":
                 evidence["rms_deviation"] = rounded(fit.variation, 2)
-            yield finding(_CODES[effect], level, evidence, axes=(axis,))
+            yield _named(effect, level, evidence, axis, rotors_told=rotors_told)
 
 
-def _effects(check: StructuralCheck, number: int, axis: str, *, averaged: bool = False) -> Iterator[Finding]:
+def _effects(check: StructuralCheck, number: int, *, averaged: bool, rotors_told: bool) -> Iterator[Finding]:
     """Name the effect that explains most of what the model leaves, and an effectiveness that varies.
 
     ``averaged``: the effectiveness is that of `identify.spectral_effects`, which judge those that they know.
     """
+    axis = AXES[number]
     seen = [each for each in seen_effects(check, number) if not (averaged and each.effect in AVERAGED)]
     if seen:
         # A mode looks like a second lag, a tilt like a mode: the best explanation is enough.
-        yield _effect(check, max(seen, key=lambda each: each.explained), axis, told=averaged)
+        effect = max(seen, key=lambda each: each.explained)
+        level: Level = "error" if abs(effect.shift) > LARGEST_SHIFT else "warning"
+        if averaged and effect.effect in _LINEAR:
+            level = "info"
+        yield _named(effect.effect, level, _evidence(check, effect), axis, rotors_told=rotors_told)
         return
     possible = max(possible_losses(check, number), key=lambda each: abs(each.shift), default=None)
     if possible is not None and abs(possible.shift) > LARGE_SHIFT and not averaged:
@@ -357,11 +357,14 @@ def _effects(check: StructuralCheck, number: int, axis: str, *, averaged: bool =
         yield finding("QL528", "warning", evidence, axes=(axis,))
 
 
-def _effect(check: StructuralCheck, effect: EffectCheck, axis: str, *, told: bool) -> Finding:
-    level: Level = "error" if abs(effect.shift) > LARGEST_SHIFT else "warning"
-    if told and effect.effect in _LINEAR:
-        level = "info"
-    return finding(_CODES[effect.effect], level, _evidence(check, effect), axes=(axis,))
+def _named(
+    effect: Effect, level: Level, evidence: Mapping[str, object], axis: str, *, rotors_told: bool
+) -> Finding:
+    """Return the finding of an effect; ``rotors_told``: the log tells what each rotor was sent."""
+    named = finding(_CODES[effect], level, evidence, axes=(axis,))
+    # Of a lag, nothing else is to be logged then.
+    nothing_missing = rotors_told and named.code == _LAG and level != "error"
+    return replace(named, advice="") if nothing_missing else named
 
 
 def _left_open(effect: EffectCheck, axis: str) -> str:
