@@ -36,6 +36,9 @@ _COMMON_LOOP_US: Final = 250.0
 #: Sliders of the configurator that make gains from others, since 4.3, and what its modes are called.
 SLIDERS: Final = "simplified_pids_mode"
 _SLIDER_MODES: Final = ("OFF", "RP", "RPY")
+_LEAVE_UNFILTERED: Final = (
+    "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters."
+)
 CHIRP, CHIRP_OFF = "chirp.txt", "chirp-off.txt"
 #: flight/pid.c, resetPidProfile: amplitudes in deg/s, added to the rate set-point behind a lead-lag.
 _CHIRP_DEFAULTS: Final[Mapping[str, float]] = MappingProxyType(
@@ -80,8 +83,7 @@ class BetaflightAdvice(Advice):
             "switch.",
             "QL613": "Leave gyro, PID and set-points among the logged fields (blackbox_disable_gyro, "
             "blackbox_disable_pids and blackbox_disable_setpoint = OFF), and fly once more.",
-            "QL620": "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters. "
-            "Firmware from 3.4 to 4.4 logs it where debug_mode = GYRO_SCALED.",
+            "QL620": f"{_LEAVE_UNFILTERED} Firmware from 3.4 to 4.4 logs it where debug_mode = GYRO_SCALED.",
             "QL643": "Fly the whole flight in Acro mode, and tune from that.",
             "QL644": "Set blackbox_high_resolution = ON (4.4 and later).",
         }
@@ -107,13 +109,10 @@ class BetaflightAdvice(Advice):
         """As of `Advice.remedy`; of a known version, what it can log."""
         if version is not None and code == "QL620":
             if version >= UNFILTERED_SINCE:
-                return "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters."
+                return _LEAVE_UNFILTERED
             if version >= GYRO_SCALED_SINCE:
                 return "Set debug_mode = GYRO_SCALED: it shows the delay of all filters."
-            return (
-                "Update the firmware to 4.5 or later, and leave the unfiltered gyro among the logged fields: "
-                "it shows the delay of all filters."
-            )
+            return f"Update the firmware to 4.5 or later. {_LEAVE_UNFILTERED}"
         if version is not None and version < _SAMPLE_RATE_SINCE and code == "QL613":
             # No field could be left out: the rate is what is wrong.
             return ""
