@@ -16,7 +16,6 @@ from quadid_logs.autopilots import named
 from quadid_logs.control.autotune import forecast
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.documented import within_documented
-from quadid_logs.control.filter_guard import with_flown_filters
 from quadid_logs.control.first_step import first_step
 from quadid_logs.control.guard import Case
 from quadid_logs.control.loop import on_angle, on_rate
@@ -117,10 +116,10 @@ def recommend(
         known[axis] = Axis(case, model, partial(_rebuilt, result, parameters, axis), otherwise)
     # A notch that nobody knows delays the vehicle: behind other filters it would by another time.
     hidden = any(one.case.hides_a_notch for one in known.values())
-    wishes = _filter_wishes(result, parameters) if filters and not hidden else None
+    wishes = None
+    if filters:
+        wishes = FilterWishes() if hidden else _filter_wishes(result, parameters)
     tuned = tune_axes(known, limits, apart=apart, filters=wishes)
-    if filters and hidden:
-        tuned = {axis: with_flown_filters(axis, one) for axis, one in tuned.items()}
     return Tuning(
         axes={
             axis: within_documented(axis, _not_bare(result, axis, one, known[axis].case), tunable.axes[axis])

@@ -119,8 +119,8 @@ class Axis(NamedTuple):
 class FilterWishes(NamedTuple):
     """What of the filters may be set, and the lines of the gyro that do not move with the rotors [Hz]."""
 
-    choices: FilterChoices
-    still_hz: tuple[float, ...]
+    choices: FilterChoices = FilterChoices()
+    still_hz: tuple[float, ...] = ()
 
 
 def tune_axes(
@@ -617,7 +617,11 @@ class _Search:
         return Refiltered(tuning, new.value / old.value)
 
     def _separate(self) -> SeparateGains | None:
-        """Return the search for gains one by one; None where there is none, or the mixer holds all gains."""
+        """Return a search for gains one by one; None where there is none, or the mixer holds all gains."""
+        return None if self._unsearched is None else self._unsearched.anew()
+
+    @cached_property
+    def _unsearched(self) -> SeparateGains | None:
         if self._case.limited_fraction > _NEAR_LIMITS:
             return None
         disturbed = Disturbed(self._gusts, self._gust_band_hz, self._torque, self._crossover_hz(), MOST_NOISE)

@@ -314,6 +314,12 @@ class SeparateGains:
         self._flown_hz = float(self._attitude(flown_loop).bandwidth_hz[0])
         self._flown_error_rad = float(self._gusts.attitude_rad(flown_loop.whole)[0])
 
+    def anew(self) -> SeparateGains:
+        """Return a search that learns by itself which vehicles decide."""
+        other = copy(self)
+        other._decisive = self._decisive.copy()
+        return other
+
     def behind(self, filters: Mapping[str, float], log_hz: float, most_noise: float) -> SeparateGains | None:
         """Return the search behind other filters; what is better or noisier is still told of what flew.
 
@@ -342,9 +348,9 @@ class SeparateGains:
         paths = _taken_apart(self._varied, controller, frequency_hz, filtered)
         if paths is None:
             return None
-        other = copy(self)
+        other = self.anew()
         other._paths, other._rebuild, other._is_refiltered = paths, filtered, True
-        other._decisive, other._noise = self._decisive.copy(), self._noise.behind(log_hz, most_noise)
+        other._noise = self._noise.behind(log_hz, most_noise)
         return other
 
     def target(self, common: float) -> dict[str, float]:
