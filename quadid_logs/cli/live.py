@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from quadid_logs.cli.failure import flush, report_problem, say
+from quadid_logs.cli.page import open_page
 from quadid_logs.cli.terminal import is_terminal
 from quadid_logs.errors import QuadidError
 from quadid_logs.untrusted import printable
@@ -220,8 +221,6 @@ class _Teller:
         """Write the page, and open it the first time; a browser that fails leaves the recording alone."""
         if self._page is None:
             return
-        import webbrowser
-
         from quadid_logs.output import make_folder, write_beside
         from quadid_logs.report.live_page import live_page
 
@@ -241,8 +240,7 @@ class _Teller:
             return
         if not self._opened:
             self._opened = True
-            if not webbrowser.open(self._page.resolve().as_uri()):
-                self.event(f"no browser could be opened; the page is {printable(self._page)}.")
+            open_page(self._page, self.event)
 
     def _json(self, **fields: object) -> None:
         say(json.dumps(fields, allow_nan=False))
