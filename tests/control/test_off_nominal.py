@@ -34,7 +34,7 @@ from quadid_logs.simulate.truth import flight_truth
 from quadid_logs.tuning import recommend
 from tests.control.loop_flights import Vehicle
 from tests.marks import thorough
-from tests.tuned_flights import RATE_HZ, SCENARIO, as_flown, flown, flown_with_frame
+from tests.tuned_flights import RATE_HZ, SCENARIO, as_flown, flown
 
 #: Propellers whose thrust goes with the square of the command, known exactly.
 SQUARE = FlownPoint(
@@ -302,7 +302,7 @@ def test_without_ranges_the_next_gains_reject_gusts_better() -> None:
 
 def test_gains_that_break_a_limit_off_nominal_alone_are_not_lowered() -> None:
     """Uncertainty lowers nothing, nor does a load that may never be flown; it is told."""
-    result = flown_with_frame("ardupilot")
+    result = flown("px4")
     alone = recommend(result, GOOD, ["roll"], apart=False, ranges=AS_FLOWN).axes["roll"]
     best = as_flown(result, **{name: one.target for name, one in alone.gains.items()})
     found = recommend(best, GOOD, ["roll"], apart=False).axes["roll"]
