@@ -277,6 +277,20 @@ def test_gusts_alone_do_not_make_a_rate_that_rings() -> None:
     assert np.abs(turns.target_to_rate).max() < 1.02 * most
 
 
+def test_gains_that_a_file_rounds_off_keep_the_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Betaflight's are whole numbers: at the limits, one less of each may be too little or too much."""
+
+    def quarters(_: GainNames, value: float) -> float:
+        digit = 10.0 ** math.floor(math.log10(value))
+        return math.floor(4.0 * value / digit) / 4.0 * digit
+
+    monkeypatch.setattr(GainNames, "written", quarters)
+    found = recommend(agile(ATC_RAT_RLL_D=0.5), GOOD, ["roll"], ranges=AS_FLOWN).axes["roll"]
+    assert found.verdict == "change"
+    assert found.next is not None
+    assert spare(found.next, GOOD) >= 0.99
+
+
 def test_the_worst_vehicle_counts_and_not_the_estimate() -> None:
     """9 dB that may be 3 are half of the 6 that are to be kept."""
     loose = Margins(

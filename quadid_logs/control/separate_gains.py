@@ -191,6 +191,14 @@ class _Varied(NamedTuple):
             name: now if factor == 1.0 else written(factor * now) for name, (factor, now) in pairs.items()
         }
 
+    def as_written(self, factors: Mapping[str, float]) -> dict[str, float]:
+        """Return the factors that the gains of a file make, which are rounded."""
+        values, beyond = self.values(factors), self._beyond(factors)
+        return {
+            name: values[name] * (1.0 if name == self.names.angle else beyond) / self.now[name]
+            for name in factors
+        }
+
     def highest(self, name: str) -> float:
         """Return the largest factor on a gain that the firmware documents.
 
@@ -299,6 +307,8 @@ class SeparateGains:
         # Where drawn vehicles are to keep less, the estimate decides by itself.
         self._decisive[0, 0] = held.drawn < 1.0
         self._latest: tuple[BoolArray, tuple[ComplexArray, FloatArray, FloatArray]] | None = None
+        #: What is asked for, over that: gains in a file are rounded.
+        self._aim = 1.0
         self._highest = _BOUNDS[1]
         self._noise = _Noise(disturbed, loops)
         self._gusts = _gusts(disturbed, loops.plants.at(slice(0, 1)), loops.frequency_hz)
@@ -382,11 +392,26 @@ class SeparateGains:
         begins = [begin, *self._best_of_a_grid(bounds, most_up)]
         for _ in range(_ROUNDS):
             tried.append(self._search(begins, bounds, most_up))
-            if self._bear(tried[-1], 1.0 - _ROUNDING) or not self._add_decisive(tried[-1]):
+            if self._bear(tried[-1], 1.0 - _ROUNDING):
+                break
+            if not self._add_decisive(tried[-1]) and not self._aim_higher(tried[-1]):
                 break
             begins = [tried[-1]]
+        self._aim = 1.0
         ends = (self._up_to_the_limits(found) for found in (*tried, self._flown))
         return min((one for one in ends if one is not None), key=self.cost, default=tried[-1])
+
+    def _aim_higher(self, factors: Mapping[str, float]) -> bool:
+        """Ask for more of the limits where gains keep them until they are rounded; tell whether they do."""
+        exact, written = (self._least_kept(one) for one in (factors, self._varied.as_written(factors)))
+        rounded_off = exact >= -_ROUNDING > written > -1.0
+        if rounded_off:
+            self._aim /= 1.0 + written
+        return rounded_off
+
+    def _least_kept(self, factors: Mapping[str, float]) -> float:
+        """Return how much the decisive vehicles keep of the limits, beyond what is asked for."""
+        return float(np.min(self._spare(self._paths.at(_sets(factors)), self._decisive))) - 1.0
 
     def _add_decisive(self, factors: Mapping[str, float]) -> bool:
         """Add the vehicles that lack most with some gains, for each limit; tell whether any is new."""
@@ -572,7 +597,8 @@ class SeparateGains:
             ]
             return np.concatenate(kept).reshape(len(answers), len(body), -1)
 
-        return np.asarray(np.concatenate([told(*one) for one in both], axis=2) / part[:, np.newaxis])
+        kept = np.concatenate([told(*one) for one in both], axis=2)
+        return np.asarray(kept / (self._aim * part[:, np.newaxis]))
 
     def _marked(self, which: BoolArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
         """Return the answers of marked vehicles, of which part of the limits, and their damping.
