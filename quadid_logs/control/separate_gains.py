@@ -307,7 +307,7 @@ class SeparateGains:
         # Where drawn vehicles are to keep less, the estimate decides by itself.
         self._decisive[0, 0] = held.drawn < 1.0
         self._latest: tuple[BoolArray, tuple[ComplexArray, FloatArray, FloatArray]] | None = None
-        #: What is asked for, over that: gains in a file are rounded.
+        #: What the search requires, over that: gains in a file are rounded.
         self._aim = 1.0
         self._highest = _BOUNDS[1]
         self._noise = _Noise(disturbed, loops)
@@ -410,7 +410,7 @@ class SeparateGains:
         return rounded_off
 
     def _least_kept(self, factors: Mapping[str, float]) -> float:
-        """Return how much the decisive vehicles keep of the limits, beyond what is asked for."""
+        """Return how much the decisive vehicles keep of the limits, beyond what is required."""
         return float(np.min(self._spare(self._paths.at(_sets(factors)), self._decisive))) - 1.0
 
     def _add_decisive(self, factors: Mapping[str, float]) -> bool:

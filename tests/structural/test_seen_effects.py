@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.model import EffectCheck, StructuralCheck
 from quadid_logs.diagnose.structural_findings import _effects
 from quadid_logs.identify.inference import Estimate
@@ -26,6 +27,11 @@ from quadid_logs.identify.structural import (
 from quadid_logs.identify.structures import DAMPED
 
 ROLL, YAW = 0, 2
+
+
+def named_of(found: StructuralCheck, number: int) -> list[Finding]:
+    """Return the findings of an axis whose rotors no log names."""
+    return list(_effects(found, number, averaged=False, rotors_told=False))
 
 
 def check(
@@ -217,12 +223,12 @@ def test_a_swing_is_covered_only_where_it_explains_much(explained: float, lower:
 def test_a_loss_that_may_be_there_is_told_if_it_would_change_the_number(shift: float, told: bool) -> None:
     """A yaw that was 24 % low was called usable, because its interval was wide on one side."""
     possible = EffectCheck(axis=ROLL, effect="limit", statistic=30.0, explained=0.1, shift=shift)
-    assert [one.code for one in _effects(check(possible), ROLL, "roll")] == ["QL533"] * told
+    assert [one.code for one in named_of(check(possible), ROLL)] == ["QL533"] * told
 
 
 def test_a_tilt_that_may_be_there_is_in_the_interval_alone() -> None:
     """Small vehicles show a trace of it in every flight, beside numbers that are right."""
-    assert not list(_effects(check(tilt(ROLL, explained=0.1)), ROLL, "roll"))
+    assert not named_of(check(tilt(ROLL, explained=0.1)), ROLL)
 
 
 @pytest.mark.parametrize(("low_hz", "places"), [(0.3, [0.35, 0.45, 0.6, 0.8]), (0.5, [0.6, 0.8]), (1.26, [])])
@@ -243,7 +249,7 @@ def test_no_load_swings_below_the_fitted_band(low_hz: float, places: list[float]
 
 def test_what_would_change_the_number_is_said_in_words() -> None:
     """A pilot wants to know what to look for."""
-    (finding,) = _effects(check(dead_zone(ROLL, explained=0.1, statistic=14.0)), ROLL, "roll")
+    (finding,) = named_of(check(dead_zone(ROLL, explained=0.1, statistic=14.0)), ROLL)
     assert finding.title == (
         "The roll effectiveness would be 20 % higher if small torques had less effect, which the flight "
         "leaves open"
@@ -253,7 +259,7 @@ def test_what_would_change_the_number_is_said_in_words() -> None:
 def test_beside_an_effect_that_is_seen_no_other_is_left_open() -> None:
     """It is its shadow."""
     shadow = EffectCheck(axis=ROLL, effect="second lag", statistic=30.0, explained=0.1, shift=0.3)
-    told = _effects(check(tilt(ROLL, explained=0.6), shadow), ROLL, "roll")
+    told = named_of(check(tilt(ROLL, explained=0.6), shadow), ROLL)
     assert [one.code for one in told] == ["QL526"]
 
 
