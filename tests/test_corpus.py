@@ -93,7 +93,7 @@ def test_two_flights_in_one_file_are_two_segments(corpus: Path, analyzed: Analyz
 
 #: What each flown log must be told about itself.
 REASONS = {
-    "ac33dev-erle-quadx-RATE50Hz-2015-03-31.bin": {"QL504"},
+    "ac33dev-erle-quadx-RATE50Hz-2015-03-31.bin": {"QL505"},
     "ac34rc2-erlebrain3-quadx-265s.bin": {"QL303"},
     "ac413-quadx-goodprop-hover1.bin": {"QL303"},
     "ac413-quadx-25mmcut-hover1.bin": {"QL303"},
@@ -107,8 +107,8 @@ REASONS = {
     "ac301-octo-apm2-MOT.log": {"QL104"},
     "ac311-quadx-nan.log": {"QL302"},
     "ac32dev-quad-handrotated-52s.tlog": {"QL302"},
-    "px4-1.16-quad-v6c-indoor-85s.ulg": {"QL504"},
-    "px4-1.14-octocoax-cubeorange-75s.ulg": {"QL504"},
+    "px4-1.16-quad-v6c-indoor-85s.ulg": {"QL403"},
+    "px4-1.14-octocoax-cubeorange-75s.ulg": {"QL403"},
     "px4-1.9-quad-escstatus-39s.ulg": {"QL303"},
     "px4-1.12-f450-tumble-3s.ulg": {"QL302"},
     "px4-1.6-sample-auavx21-handheld-69s.ulg": {"QL401"},

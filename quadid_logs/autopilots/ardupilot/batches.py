@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.containers.message_table import MessageTable
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, Rows, Signal, whole_number
 
@@ -86,24 +86,20 @@ def gyro_batches(
     for sensor in np.unique(instance).tolist():
         mine = instance == sensor
         filtered = sensor >= n_gyros if both else bool(option & _AFTER_FILTER)
-        found.append(_signal(time_s[mine], position[mine], values[mine], sensor % n_gyros, filtered, known))
+        rows = Rows(time_s[mine].ravel(), position[mine].ravel())
+        found.append(_signal(rows, values[mine], sensor, sensor % n_gyros, filtered, known))
     return tuple(found)
 
 
 def _signal(
-    time_s: FloatArray,
-    position: IntArray,
-    values: FloatArray,
-    sensor: int,
-    filtered: bool,
-    known: GyroFilter,
+    rows: Rows, values: FloatArray, instance: int, sensor: int, filtered: bool, known: GyroFilter
 ) -> Signal:
     where = "behind its filters" if filtered else "before its filters"
     return Signal(
         name="gyro_samples",
-        rows=Rows(time_s.ravel(), position.ravel()),
+        rows=rows,
         values=values.reshape(-1, len(_AXES)),
-        source=f"{HEADER} {DATA}[{sensor}]",
+        source=f"{HEADER} {DATA}[{instance}]",
         reason=f"batches of gyro {sensor}, {where}",
         gyro_filter=known if filtered else NO_GYRO_FILTER,
         raw=not filtered,
