@@ -7,14 +7,12 @@ search that knows the true vehicle, sees no log, and keeps the same limits of ma
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import itertools
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -30,7 +28,7 @@ from quadid_logs.data.off_nominal import AS_FLOWN
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, Tuning
 from quadid_logs.earlier import with_earlier
-from quadid_logs.simulate import fly, manoeuvres
+from quadid_logs.simulate import Scenario, fly, manoeuvres
 from quadid_logs.simulate.closed_loop import Setup
 from quadid_logs.simulate.effects import disturbance_density
 from quadid_logs.simulate.true_loop import true_controller, true_plant
@@ -43,11 +41,10 @@ from study.tuning import (
     changed,
     draw_vehicle,
     figures,
-    fly_missing,
     flyable,
     of_each_gain,
-    read,
     resting_truth,
+    run_study,
     setup_of,
 )
 
@@ -133,10 +130,11 @@ class Judge(NamedTuple):
         density = self.setup.noise.gyro_rad_s_per_rthz**2
         return float(np.sqrt(np.trapezoid(gain * density, frequency_hz)))
 
-    def attitude(self, controller: AxisController) -> tuple[float, float]:
+    def attitude(self, controller: AxisController) -> tuple[float, float, float]:
         """Return the attitude's bandwidth [Hz] and the peak of what it makes of disturbances [dB] (ADS-33E).
 
         Up to the bandwidth the attitude follows its set-point with 45 degrees to spare, and with 3 dB less.
+        The third is the most that the rate or the attitude answers its set-point with [dB].
         """
         frequency_hz = np.geomspace(*_ATTITUDE_HZ, _N_GUSTS)
         loop = close(controller, self.plant, frequency_hz)
@@ -145,16 +143,9 @@ class Judge(NamedTuple):
         late = (np.degrees(np.unwrap(np.angle(follows))) < -135.0) | (np.abs(follows) < np.sqrt(0.5))
         bandwidth_hz = float(frequency_hz[np.argmax(late)]) if late.any() else float(_ATTITUDE_HZ[1])
         rejects = np.abs((1.0 + loop.rate) / (1.0 + loop.full))[0]
-        return bandwidth_hz, float(20.0 * np.log10(rejects.max()))
-
-    def resonance_db(self, controller: AxisController) -> float:
-        """Return the most that the rate or the attitude answers its set-point with [dB]."""
-        frequency_hz = np.geomspace(*_ATTITUDE_HZ, _N_GUSTS)
-        loop = close(controller, self.plant, frequency_hz)
-        assert loop.full is not None
-        turns = loop.target_to_rate[0]
-        follows = ((loop.full - loop.rate) / (1.0 + loop.full))[0]
-        return float(20.0 * np.log10(np.abs([turns, follows]).max()))
+        highest = np.abs([rejects, np.maximum(np.abs(follows), np.abs(loop.target_to_rate[0]))]).max(axis=1)
+        peak_db, resonance_db = (20.0 * np.log10(highest)).tolist()
+        return bandwidth_hz, peak_db, resonance_db
 
     def spare(self, controller: AxisController) -> float:
         """Return the worst of the true margins over its limit."""
@@ -169,9 +160,9 @@ class Judge(NamedTuple):
         controller = self.controller(factors)
         missing += max(1.0 - self.spare(controller), 0.0)
         missing += max(self.noise(controller) / most_noise - 1.0, 0.0)
-        bandwidth_hz, peak_db = self.attitude(controller)
+        bandwidth_hz, peak_db, resonance_db = self.attitude(controller)
         missing += max(1.0 - bandwidth_hz / self.least_hz, 0.0) + max(peak_db / _MOST_PEAK_DB - 1.0, 0.0)
-        return missing + max(self.resonance_db(controller) / _MOST_RESONANCE_DB - 1.0, 0.0)
+        return missing + max(resonance_db / _MOST_RESONANCE_DB - 1.0, 0.0)
 
     def cost(self, factors: FloatArray, most_noise: float) -> float:
         """Return the error as a logarithm, and what is missing of the limits."""
@@ -246,11 +237,8 @@ def measure_road(seed: int, number: int) -> dict[str, Any]:
         Its settings, and one entry of ``flights`` for each flight, ready for JSON.
     """
     vehicle, air = divmod(number, len(GUSTS))
-    drawn, autopilot, settings = draw_vehicle(seed, vehicle)
     gusts = GUSTS[air]
-    effects = dataclasses.replace(drawn.effects, disturbance_rad_s2=(gusts, gusts, 0.5 * gusts))
-    scenario = dataclasses.replace(drawn, wind=Wind(), effects=effects)
-    factors = of_each_gain(flyable(scenario, autopilot, np.random.default_rng([seed, vehicle, *b"detuning"])))
+    scenario, autopilot, settings, factors = draw_in_gusts(seed, vehicle, gusts)
     manoeuvre, strength = scenario.manoeuvre, np.ones(3)
     judges: list[Judge] = []
     most: list[float] = []
@@ -264,7 +252,7 @@ def measure_road(seed: int, number: int) -> dict[str, Any]:
             alone.append(analyzed(fly(setup), scenario))
             result = with_earlier(alone[-1], alone[:-1])
         if not judges:
-            judges = [_judge(setup, result.log.parameters, axis) for axis in range(3)]
+            judges = [judge_of(setup, result.log.parameters, axis) for axis in range(3)]
             most = [max(_MOST_NOISE, one.noise(one.controller(factors[:, one.axis]))) for one in judges]
         told: dict[str, Any] = {"factors": factors.tolist()}
         told["axes"] = {
@@ -308,6 +296,18 @@ def measure_road(seed: int, number: int) -> dict[str, Any]:
     return {"number": number, "seed": seed, "gusts": gusts, **settings, "best": best, "flights": flights}
 
 
+def draw_in_gusts(
+    seed: int, vehicle: int, gusts_rad_s2: float
+) -> tuple[Scenario, str, dict[str, Any], FloatArray]:
+    """Draw a vehicle in such air: scenario, autopilot, what was drawn, and factors on its gains."""
+    drawn, autopilot, settings = draw_vehicle(seed, vehicle)
+    disturbance = (gusts_rad_s2, gusts_rad_s2, 0.5 * gusts_rad_s2)
+    effects = dataclasses.replace(drawn.effects, disturbance_rad_s2=disturbance)
+    scenario = dataclasses.replace(drawn, wind=Wind(), effects=effects)
+    rng = np.random.default_rng([seed, vehicle, *b"detuning"])
+    return scenario, autopilot, settings, of_each_gain(flyable(scenario, autopilot, rng))
+
+
 def _flown(
     time_s: FloatArray, rng: np.random.Generator, *, manoeuvre: Manoeuvre, strength: FloatArray
 ) -> manoeuvres.Reference:
@@ -344,7 +344,7 @@ def _wider(manoeuvre: Any, result: Result) -> Any:
     return partial(manoeuvres.multisine, rms_rad_s=rms, band_hz=bands)
 
 
-def _judge(setup: Setup, parameters: Mapping[str, float], axis: int) -> Judge:
+def judge_of(setup: Setup, parameters: Mapping[str, float], axis: int) -> Judge:
     """Return what is true of one axis; the documented ranges of its gains as factors on the suited ones."""
     tunable = named(setup.autopilot).tunable(parameters)
     assert tunable is not None
@@ -491,24 +491,10 @@ def _percent(which: FloatArray) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Fly what is missing of the study, then print and write its tables."""
-    from study.run import ROOT
-
-    parser = argparse.ArgumentParser(description="Fly, tune, fly again, and hold the gains against the best.")
-    parser.add_argument(
-        "--vehicles", type=int, default=14, help="how many vehicles, each in three airs (default 14)"
+    return run_study(
+        arguments,
+        "Fly, tune, fly again, and hold the gains against the best; each vehicle in three airs.",
+        (14, len(GUSTS)),
+        "optimum",
+        (measure_road, summarise),
     )
-    parser.add_argument("--seed", type=int, default=1, help="another seed draws other vehicles (default 1)")
-    parser.add_argument("--processes", type=int, default=1, help="roads at the same time (default 1)")
-    parser.add_argument(
-        "--output", type=Path, default=ROOT / "build" / "optimum", help="default build/optimum"
-    )
-    parser.add_argument("--publish", action="store_true", help="write docs/tuning/optimum.md from all seeds")
-    options = parser.parse_args(arguments)
-    options.output.mkdir(parents=True, exist_ok=True)
-    path = options.output / f"seed-{options.seed}.jsonl"
-    fly_missing(path, options.seed, len(GUSTS) * options.vehicles, options.processes, measure_road)
-    text = summarise([one for each in sorted(options.output.glob("seed-*.jsonl")) for one in read(each)])
-    if options.publish:
-        (ROOT / "docs" / "tuning" / "optimum.md").write_text(text, encoding="utf-8")
-    print(text)
-    return 0

@@ -7,37 +7,22 @@ to set-points resonates, and what gusts make of the attitude, over the flown gai
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from quadid_logs.autopilots import named
 from quadid_logs.control.loop import close
-from quadid_logs.control.scaled_loop import scaled_loops, spare
-from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD
 from quadid_logs.pipeline import _closed_loop
 from quadid_logs.simulate import fly
-from quadid_logs.simulate.effects import disturbance_density
-from quadid_logs.simulate.true_loop import true_plant
-from quadid_logs.simulate.wind import Wind
 from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
-from study.tuning import (
-    analyzed,
-    draw_vehicle,
-    fly_missing,
-    flyable,
-    of_each_gain,
-    read,
-    resting_truth,
-    setup_of,
-)
+from study.optimum import Judge, draw_in_gusts, judge_of
+from study.tuning import analyzed, run_study, setup_of
 
 #: Light wind [rad/s^2].
 _GUSTS: Final = 0.5
@@ -56,12 +41,10 @@ def measure_vehicle(seed: int, number: int) -> dict[str, Any]:
     dict
         By axis, ready for JSON.
     """
-    drawn, autopilot, settings = draw_vehicle(seed, number)
-    effects = dataclasses.replace(drawn.effects, disturbance_rad_s2=(_GUSTS, _GUSTS, 0.5 * _GUSTS))
-    scenario = dataclasses.replace(drawn, wind=Wind(), effects=effects)
-    factors = of_each_gain(flyable(scenario, autopilot, np.random.default_rng([seed, number, *b"detuning"])))
+    scenario, autopilot, settings, factors = draw_in_gusts(seed, number, _GUSTS)
     setup = setup_of(scenario, autopilot, factors, 1000 * seed + 10 * number)
-    result = without_angle_loop(analyzed(fly(setup), scenario))
+    flown = analyzed(fly(setup), scenario)
+    result = without_angle_loop(flown)
     tuning = recommend(result, GOOD, AXES[:2])
     axes: dict[str, dict[str, Any]] = {}
     for place, axis in enumerate(AXES[:2]):
@@ -69,13 +52,13 @@ def measure_vehicle(seed: int, number: int) -> dict[str, Any]:
         axes[axis] = {"verdict": found.verdict, "reasons": [one.code for one in found.reasons]}
         if found.verdict != "change":
             continue
-        plant = true_plant(setup, resting_truth(setup), place)
+        judge = judge_of(setup, flown.log.parameters, place)
         parameters = result.log.parameters
         following = {**parameters, **{name: one.next for name, one in found.changes.items()}}
         for name, gains in (("flown", parameters), ("next", following)):
             controllers = named(autopilot).controllers(result.log, gains)
             assert controllers is not None
-            axes[axis][name] = _true(controllers.axes[axis], plant)
+            axes[axis][name] = _true(controllers.axes[axis], judge)
         axes[axis]["told_error"] = found.attitude_error
     return {"number": number, "seed": seed, **settings, "axes": axes}
 
@@ -100,16 +83,13 @@ def without_angle_loop(result: Result) -> Result:
     return dataclasses.replace(result, log=log, closed_loop=loop)
 
 
-def _true(controller: AxisController, plant: Plant) -> dict[str, float]:
-    """Return the worst margin over its limit, the resonance [dB], and the attitude error of unit gusts."""
-    loop = close(controller, plant, _FREQUENCY_HZ)
-    s = 2j * np.pi * _FREQUENCY_HZ
-    answer = np.abs(1.0 / (s * (s - plant.damping[0]) * (1.0 + loop.rate[0]))) ** 2
-    gusts = disturbance_density(_FREQUENCY_HZ)
+def _true(controller: AxisController, judge: Judge) -> dict[str, float]:
+    """Return the worst margin over its limit, the resonance [dB], and the attitude error in the gusts."""
+    loop = close(controller, judge.plant, _FREQUENCY_HZ)
     return {
-        "spare": spare(scaled_loops(controller, plant, np.inf).margins(), GOOD),
+        "spare": judge.spare(controller),
         "resonance_db": float(20.0 * np.log10(np.abs(loop.target_to_rate).max())),
-        "error_rad": float(np.sqrt(np.trapezoid(answer * gusts, _FREQUENCY_HZ))),
+        "error_rad": judge.error_rad(controller),
     }
 
 
@@ -153,22 +133,10 @@ def _spread(values: list[float]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Fly what is missing of the study, then print and write its table."""
-    from study.run import ROOT
-
-    parser = argparse.ArgumentParser(description="Tune rate loops, and hold them against the true ones.")
-    parser.add_argument("--vehicles", type=int, default=20, help="how many (default 20)")
-    parser.add_argument("--seed", type=int, default=1, help="another seed draws other vehicles (default 1)")
-    parser.add_argument("--processes", type=int, default=1, help="vehicles at the same time (default 1)")
-    parser.add_argument(
-        "--output", type=Path, default=ROOT / "build" / "rate_mode", help="default build/rate_mode"
+    return run_study(
+        arguments,
+        "Tune rate loops, and hold them against the true ones.",
+        (20, 1),
+        "rate_mode",
+        (measure_vehicle, summarise),
     )
-    parser.add_argument("--publish", action="store_true", help="write docs/tuning/rate_mode.md")
-    options = parser.parse_args(arguments)
-    options.output.mkdir(parents=True, exist_ok=True)
-    path = options.output / f"seed-{options.seed}.jsonl"
-    fly_missing(path, options.seed, options.vehicles, options.processes, measure_vehicle)
-    text = summarise([one for each in sorted(options.output.glob("seed-*.jsonl")) for one in read(each)])
-    if options.publish:
-        (ROOT / "docs" / "tuning" / "rate_mode.md").write_text(text, encoding="utf-8")
-    print(text)
-    return 0

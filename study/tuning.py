@@ -283,6 +283,55 @@ def read(path: Path) -> list[dict[str, Any]]:
     return sorted((json.loads(line) for line in lines), key=lambda one: int(one["number"]))
 
 
+def run_study(
+    arguments: list[str] | None,
+    description: str,
+    sizes: tuple[int, int],
+    name: str,
+    steps: tuple[Callable[[int, int], dict[str, Any]], Callable[[list[dict[str, Any]]], str]],
+) -> int:
+    """Fly what is missing of a study of gains, then print and write its tables.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        Of the command line.
+    description : str
+    sizes : tuple of int
+        How many vehicles unless told otherwise, and flights or roads of each.
+    name : str
+        Of the folder in build, and of the page in docs/tuning.
+    steps : tuple of callable
+        Measures one of seed and number; makes the page of all that were measured, of all seeds.
+
+    Returns
+    -------
+    int
+        0.
+    """
+    from study.run import ROOT
+
+    (n_vehicles, n_each), (measured, summarise) = sizes, steps
+    folder = ROOT / "build" / name
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument(
+        "--vehicles", type=int, default=n_vehicles, help=f"how many vehicles (default {n_vehicles})"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="another seed draws other vehicles (default 1)")
+    parser.add_argument("--processes", type=int, default=1, help="how many at the same time (default 1)")
+    parser.add_argument("--output", type=Path, default=folder, help=f"default build/{name}")
+    parser.add_argument("--publish", action="store_true", help=f"write docs/tuning/{name}.md from all seeds")
+    options = parser.parse_args(arguments)
+    options.output.mkdir(parents=True, exist_ok=True)
+    path = options.output / f"seed-{options.seed}.jsonl"
+    fly_missing(path, options.seed, n_each * options.vehicles, options.processes, measured)
+    text = summarise([one for each in sorted(options.output.glob("seed-*.jsonl")) for one in read(each)])
+    if options.publish:
+        (ROOT / "docs" / "tuning" / f"{name}.md").write_text(text, encoding="utf-8")
+    print(text)
+    return 0
+
+
 def fly_missing(
     path: Path,
     seed: int,

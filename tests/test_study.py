@@ -467,7 +467,7 @@ def _judged(axis: int) -> tuple[optimum.Judge, dict[str, float]]:
     scenario = dataclasses.replace(scenario, effects=gusty)
     setup = flight_of(scenario, autopilot, of_each_gain((1.0, 1.0, 1.0)), 1)
     known = parameters(setup, rate_hz=280.0)
-    return optimum._judge(setup, known, axis), known
+    return optimum.judge_of(setup, known, axis), known
 
 
 def test_the_best_gains_of_px4_are_bounded_by_what_both_of_its_parameters_make() -> None:

@@ -147,7 +147,7 @@ def close_loop_of_earlier(
         fitted_hz=model.smoothing_hz,
         known_hz=known_hz,
         n=plants.effectiveness.size - 1,
-        measured=_measured_response(found, controller),
+        measured=found.measured,
     )
     seen = found.seen
     return AxisLoop(
@@ -233,13 +233,15 @@ class Vehicles(NamedTuple):
     """The vehicles that a flight allows about one axis, and what of them was measured.
 
     ``plants`` are the estimate, then vehicles drawn around it; ``fitted`` is the estimate as it was fitted,
-    without what was measured above the band. ``lines`` and ``seen`` are None where the log has no set-points.
+    without what was measured above the band. ``lines``, ``seen`` and ``measured`` are None without
+    set-points in the log.
     """
 
     plants: Plant
     fitted: Plant
     lines: Lines | None
     seen: Seen | None
+    measured: Measured | None
     supported: Confirmation
     frame: FrameModes | None = None
 
@@ -296,7 +298,7 @@ def vehicles(
         fitted_hz=model.smoothing_hz,
         known_hz=found.supported.known_hz,
         n=plants.effectiveness.size - 1,
-        measured=_measured_response(found, controller),
+        measured=found.measured,
     )
     modes = None if frame is None else frame.modes
     return found._replace(plants=found.plants._replace(modes=modes), frame=frame)
@@ -306,25 +308,15 @@ def _compared(
     plants: Plant, fitted: Plant, lines: Lines | None, controller: AxisController, fitted_hz: float
 ) -> Vehicles:
     """Hold the estimate against what was measured."""
-    supported, seen = Confirmation(fitted_hz, contradicted=False), None
+    supported, seen, measured = Confirmation(fitted_hz, contradicted=False), None, None
     if lines is not None:
         crossover_hz = _crossover_hz(plants, controller)
         seen = _seen(lines, controller, plants.at(slice(0, 1)))
+        allowed = plants.response(seen.ratio.frequency_hz, controller.period_s)
+        measured = Measured(seen.ratio, allowed[1:] / allowed[:1])
         if np.isfinite(crossover_hz):
-            supported = confirm(seen.ratio, crossover_hz, fitted_hz, _over_estimate(plants, seen, controller))
-    return Vehicles(plants, fitted, lines, seen, supported)
-
-
-def _over_estimate(plants: Plant, seen: Seen, controller: AxisController) -> ComplexArray:
-    """Return the drawn vehicles over the estimate where the response is known, (n_plants, n_bands)."""
-    allowed = plants.response(seen.ratio.frequency_hz, controller.period_s)
-    return np.asarray(allowed[1:] / allowed[:1])
-
-
-def _measured_response(found: Vehicles, controller: AxisController) -> Measured | None:
-    if found.seen is None:
-        return None
-    return Measured(found.seen.ratio, _over_estimate(found.plants, found.seen, controller))
+            supported = confirm(seen.ratio, crossover_hz, fitted_hz, measured.drawn)
+    return Vehicles(plants, fitted, lines, seen, measured, supported)
 
 
 def _crossover_hz(plants: Plant, controller: AxisController) -> float:

@@ -38,13 +38,14 @@ def digits(value: float) -> str:
 
 
 #: Instead of a sweep, where the firmware has none.
+_QUICKER: Final = "Fly quicker manoeuvres, as short stick flicks"
 _BY_HAND: Final[Mapping[str, str]] = MappingProxyType(
     {
         "QL603": "Do not rely on the margins of this axis. Quicker manoeuvres, as short stick flicks, show "
         "more of the loop itself.",
-        "QL605": "Fly quicker manoeuvres, as short stick flicks.",
-        "QL614": "Fly quicker manoeuvres, as short stick flicks, and tune from that flight.",
-        "QL639": "Fly quicker manoeuvres, as short stick flicks, for a narrower promise.",
+        "QL605": f"{_QUICKER}.",
+        "QL614": f"{_QUICKER}, and tune from that flight.",
+        "QL639": f"{_QUICKER}, for a narrower promise.",
     }
 )
 
