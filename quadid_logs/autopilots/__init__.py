@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import SettingsError
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from quadid_logs.data.outer_loops import AttitudeRows, OuterControllers, ShaperRows
     from quadid_logs.data.tuning import FilterChoices, Tunable
 
-__all__ = ["Autopilot", "LogFormat", "formats", "known", "named", "register"]
+__all__ = ["Autopilot", "LogFormat", "entry", "formats", "known", "named", "register"]
 
 #: Of the entry points by which installed packages add autopilots.
 GROUP: Final = "quadid_logs.autopilots"
@@ -218,6 +218,31 @@ class Autopilot:
         from quadid_logs.autopilots.generic.advice import ADVICE
 
         return ADVICE
+
+
+class _Entry:
+    def __init__(self, place: str) -> None:
+        self._module, self._name = place.split(":")
+
+    def __get__(self, autopilot: Autopilot | None, owner: type[Autopilot]) -> Any:
+        return getattr(importlib.import_module(self._module), self._name)
+
+
+def entry(place: str) -> Any:
+    """Return a member of an autopilot that stands in another module, imported when it is first asked for.
+
+    Parameters
+    ----------
+    place : str
+        Module and name, "px4_like.torque:rebuild". A function there takes what the method of `Autopilot`
+        takes, without ``self``.
+
+    Returns
+    -------
+    descriptor
+        For the body of a subclass: ``rebuild = entry("px4_like.torque:rebuild")``.
+    """
+    return _Entry(place)
 
 
 _registered: list[Autopilot] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import random
 from collections.abc import Iterator
 from itertools import combinations
@@ -280,3 +281,17 @@ def test_every_log_of_the_corpus_keeps_the_promises(corpus: Path) -> None:
     for log in read:
         check_promises(log)
     assert len(read) > 50
+
+
+METHODS = [name for name, _ in inspect.getmembers(autopilots.Autopilot, inspect.isfunction) if name[0] != "_"]
+
+
+@pytest.mark.parametrize("autopilot", autopilots.known(), ids=lambda one: one.name)
+@pytest.mark.parametrize("method", METHODS)
+def test_an_autopilot_takes_what_every_autopilot_takes(autopilot: autopilots.Autopilot, method: str) -> None:
+    """By name and kind, with the same defaults: also of functions that stand in other modules."""
+    expected = [*inspect.signature(getattr(autopilots.Autopilot(), method)).parameters.values()]
+    found = [*inspect.signature(getattr(autopilot, method)).parameters.values()]
+    assert [(one.name, one.kind, one.default) for one in found] == [
+        (one.name, one.kind, one.default) for one in expected
+    ]

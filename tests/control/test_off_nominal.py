@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from quadid_logs.autopilots.ardupilot.thrust_law import thrust_law as ardupilot_law
-from quadid_logs.autopilots.betaflight.thrust_law import thrust_law as betaflight_law
-from quadid_logs.autopilots.px4.thrust_law import thrust_law as px4_law
+from quadid_logs.autopilots import named
 from quadid_logs.control.off_nominal import Factors, FlownPoint, changed, conditions, factors
 from quadid_logs.control.scaled_loop import HeldLoops, Kept, scaled_loops, spare
 from quadid_logs.data.closed_loop import LoopMargins, Plant
@@ -40,8 +39,15 @@ from tests.tuned_flights import RATE_HZ, SCENARIO, as_flown, flown
 SQUARE = FlownPoint(
     law=AS_COMMANDED, command=0.5, expo=1.0, voltage_v=16.8, highest_v=16.8, lowest_v=16.0, n_cells=4
 )
+
+
+def law_of(autopilot: str, parameters: Mapping[str, float]) -> ThrustLaw:
+    log = FlightLog(path="", format="", autopilot=autopilot, n_bytes=0, signals={}, parameters=parameters)
+    return named(autopilot).thrust_law(log, parameters)
+
+
 #: A firmware that undoes that square.
-UNDONE = replace(SQUARE, law=px4_law({"THR_MDL_FAC": 1.0}))
+UNDONE = replace(SQUARE, law=law_of("px4", {"THR_MDL_FAC": 1.0}))
 KIND = ConditionKind.HEAVIER
 
 
@@ -120,37 +126,37 @@ def test_the_lead_of_yaw_goes_with_the_inverse_of_the_rotors_speed() -> None:
     assert factors(SQUARE, Condition(KIND, mass=1.44), 1).lead[0] == pytest.approx(1.0 / 1.2, rel=1e-6)
 
 
-def law_of(**parameters: float) -> ThrustLaw:
-    return ardupilot_law({"MOT_THST_EXPO": 1.0, "MOT_SPIN_MIN": 0.1, **parameters})
+def ardupilot_law(**parameters: float) -> ThrustLaw:
+    return law_of("ardupilot", {"MOT_THST_EXPO": 1.0, "MOT_SPIN_MIN": 0.1, **parameters})
 
 
 def test_a_battery_that_is_made_up_for_changes_nothing() -> None:
     """MOT_BAT_VOLT_MAX and _MIN: outputs are divided by the voltage that is left."""
-    point = replace(SQUARE, law=law_of(MOT_BAT_VOLT_MAX=16.8, MOT_BAT_VOLT_MIN=13.2))
+    point = replace(SQUARE, law=ardupilot_law(MOT_BAT_VOLT_MAX=16.8, MOT_BAT_VOLT_MIN=13.2))
     assert effectiveness(point, voltage=0.85) == pytest.approx(1.0, rel=1e-3)
 
 
 def test_a_battery_below_what_is_made_up_for_weakens() -> None:
     """Only from MOT_BAT_VOLT_MIN on, which is 0.9 of the full voltage here."""
-    point = replace(SQUARE, law=law_of(MOT_BAT_VOLT_MAX=16.8, MOT_BAT_VOLT_MIN=15.12))
+    point = replace(SQUARE, law=ardupilot_law(MOT_BAT_VOLT_MAX=16.8, MOT_BAT_VOLT_MIN=15.12))
     assert effectiveness(point, voltage=0.81) == pytest.approx(0.81, rel=2e-3)
 
 
 def test_air_that_is_made_up_for_changes_nothing() -> None:
     """ArduPilot divides the command by the density ratio of its barometer."""
-    assert effectiveness(replace(SQUARE, law=law_of()), density=0.81) == pytest.approx(1.0, rel=1e-3)
+    assert effectiveness(replace(SQUARE, law=ardupilot_law()), density=0.81) == pytest.approx(1.0, rel=1e-3)
 
 
 @pytest.mark.parametrize(("voltage_v", "factor"), [(16.2, 1.0), (16.8, 1.0), (13.5, 1.2), (10.0, 1.3)])
 def test_px4_scales_by_the_charged_voltage_up_to_30_percent(voltage_v: float, factor: float) -> None:
     """4 cells of 4.05 V when charged (`Battery::computeScale`)."""
-    law = px4_law({"MC_BAT_SCALE_EN": 1.0, "BAT1_V_CHARGED": 4.05, "BAT1_N_CELLS": 4.0})
+    law = law_of("px4", {"MC_BAT_SCALE_EN": 1.0, "BAT1_V_CHARGED": 4.05, "BAT1_N_CELLS": 4.0})
     assert law.before(voltage_v, 0) == pytest.approx(factor)
 
 
 def test_px4_scales_nothing_by_itself() -> None:
     """MC_BAT_SCALE_EN is 0 by default."""
-    assert px4_law({"BAT1_N_CELLS": 4.0}).before(13.5, 4) == 1.0
+    assert law_of("px4", {"BAT1_N_CELLS": 4.0}).before(13.5, 4) == 1.0
 
 
 def test_betaflight_s_whole_sag_compensation_holds_the_thrust() -> None:
@@ -159,10 +165,7 @@ def test_betaflight_s_whole_sag_compensation_holds_the_thrust() -> None:
         "vbat_sag_compensation": 100.0, "vbatcellvoltage[1]": 350.0, "vbatcellvoltage[2]": 430.0,
         "vbatref": 1680.0,
     }  # fmt: skip
-    log = FlightLog(
-        path="", format="blackbox", autopilot="betaflight", n_bytes=0, signals={}, parameters=settings
-    )
-    law = betaflight_law(log, settings)
+    law = law_of("betaflight", settings)
     assert 16.8 * law.behind(16.8, 4) == pytest.approx(14.0 * law.behind(14.0, 4))
 
 

@@ -81,14 +81,20 @@ def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, floa
 
 
 def controllers(
-    log: FlightLog, parameters: Mapping[str, float], axes: Sequence[str] = AXES
+    log: FlightLog,
+    parameters: Mapping[str, float],
+    *,
+    period_s: float | None = None,  # noqa: ARG001
+    axes: Sequence[str] = AXES,
 ) -> FlownControllers:
-    """Return the controllers that the parameters make.
+    """Return the controllers that the parameters make; see `Autopilot.controllers`.
 
     Parameters
     ----------
     log : FlightLog
         Tells the firmware.
+    period_s : float or None
+        Not used: the parameters tell the loop's period.
 
     Notes
     -----
@@ -97,7 +103,7 @@ def controllers(
     """
     version_read, note = read_version(log.version, VERSIONS_READ)
     found: dict[str, AxisController] = {}
-    period_s = flown_period_s(log, parameters)
+    flown_s = flown_period_s(log, parameters)
     gyro = gyro_filters(parameter_filter(parameters, log.followed, log.version), gyro_period_s(parameters))
     named_gyro = tuple(_named_gyro_filters(log, parameters))
     remarks = list(_common_remarks(parameters, log.followed))
@@ -107,8 +113,8 @@ def controllers(
         remarks += refused
         if not refused:
             found[axis] = replace(
-                _axis(parameters, name, period_s, gyro),
-                filters=(*named_gyro, *_named_filters(parameters, name, period_s)),
+                _axis(parameters, name, flown_s, gyro),
+                filters=(*named_gyro, *_named_filters(parameters, name, flown_s)),
             )
             landing = f"ATC_LAND_{name[0]}_MULT"
             for kind, parameter, way in (
@@ -135,6 +141,12 @@ def loop_period_s(parameters: Mapping[str, float]) -> float:
         return gyro_period_s(parameters) * max(whole_number(parameters.get("FSTRATE_DIV"), 1), 1)
     rate_hz = parameters.get("SCHED_LOOP_RATE", _DEFAULT_LOOP_HZ)
     return 1.0 / (rate_hz if 0.0 < rate_hz < math.inf else _DEFAULT_LOOP_HZ)
+
+
+def loop_rate_hz(parameters: Mapping[str, float]) -> float:
+    """Return the rate of `loop_period_s` [Hz], 0 where the parameters do not say."""
+    told = not {"SCHED_LOOP_RATE", "FSTRATE_ENABLE"}.isdisjoint(parameters)
+    return 1.0 / loop_period_s(parameters) if told else 0.0
 
 
 def flown_period_s(log: FlightLog, parameters: Mapping[str, float]) -> float:

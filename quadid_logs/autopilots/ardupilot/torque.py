@@ -22,8 +22,11 @@ from quadid_logs.autopilots.ardupilot.mixer import (
     full_battery_thrust,
     mix,
     pulse_width,
+    throttle_of_thrust,
     voltage_effective,
 )
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.off_nominal import AS_COMMANDED, ThrustLaw
 from quadid_logs.data.torque import AssumedExpo, DensityLaw, MixerCheck
 from quadid_logs.maths.thrust_curve import relative_by_expo
 
@@ -44,6 +47,8 @@ _LEAST_THROTTLE = 0.05
 #: A motor at its stop limits every axis that it serves; rounding is far below a thousandth.
 _LIMITED = 1e-3
 #: MOT_THST_EXPO, MOT_SPIN_MIN, MOT_SPIN_MAX (AP_Motors_Thrust_Linearization.cpp) and MOT_YAW_HEADROOM.
+#: The lowest voltage that the firmware compensates for, of MOT_BAT_VOLT_MAX.
+_LEAST_RATIO = 0.6
 _DEFAULTS = {"MOT_THST_EXPO": 0.65, "MOT_SPIN_MIN": 0.15, "MOT_SPIN_MAX": 0.95, "MOT_YAW_HEADROOM": 200.0}
 
 
@@ -345,3 +350,26 @@ def _remarks(log: CleanLog, check: MixerCheck | None) -> tuple[str, ...]:
             "The gain against thin air is not logged in this firmware: fitted to the pulse widths."
         )
     return tuple(remarks)
+
+
+def thrust_law(log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG001
+    """Return what ArduPilot makes of a command of thrust; see `Autopilot.thrust_law`.
+
+    MOT_THST_EXPO undoes the curve. Between MOT_BAT_VOLT_MIN and MOT_BAT_VOLT_MAX outputs are divided by the
+    battery's resting voltage over the latter, and commands by the density of the air
+    (AP_Motors_Thrust_Linearization.cpp).
+    """
+    prefix, settings = motor_prefix(parameters), motor_settings(parameters)
+    highest_v = parameters.get(f"{prefix}MOT_BAT_VOLT_MAX", 0.0)
+    lowest_v = parameters.get(f"{prefix}MOT_BAT_VOLT_MIN", 0.0)
+
+    def output(command: FloatArray) -> FloatArray:
+        return command if settings is None else throttle_of_thrust(command, settings)
+
+    def behind(voltage_v: float, n_cells: int) -> float:  # noqa: ARG001
+        if not (highest_v > 0.0 and lowest_v < highest_v and voltage_v >= 0.25 * lowest_v):
+            return 1.0
+        least = max(lowest_v / highest_v, _LEAST_RATIO)
+        return float(1.0 / np.clip(voltage_v / highest_v, least, 1.0))
+
+    return AS_COMMANDED._replace(output=output, behind=behind, for_density=True)

@@ -1,21 +1,37 @@
-"""Betaflight: its Blackbox fields, settings and mixer, and nothing else."""
+"""Betaflight and its family: Blackbox fields, settings and mixer, and nothing else."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
-from quadid_logs.autopilots import LogFormat
-from quadid_logs.autopilots.betaflight.family import BlackboxFamily
-from quadid_logs.data.log import FlightLog
-from quadid_logs.vocabulary import AXES
+from quadid_logs.autopilots import Autopilot, LogFormat, entry
 
-if TYPE_CHECKING:
-    from quadid_logs.autopilots.generic.advice import Advice
-    from quadid_logs.data.controller import FlownControllers, ReplayInput
-    from quadid_logs.data.health import Line
-    from quadid_logs.data.off_nominal import ThrustLaw
-    from quadid_logs.data.tuning import FilterChoices, Tunable
+
+class BlackboxFamily(Autopilot):
+    """An autopilot that logs with Blackbox: no header names its frame, which its outputs tell."""
+
+    find_airframe = entry(f"{__name__}.airframe:find_airframe")
+    rebuild = entry(f"{__name__}.torque:rebuild")
+
+    def angle_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:  # noqa: ARG002
+        """None in modes that level the copter: their gains are scaled in ways that differ by version."""
+        from quadid_logs.autopilots.betaflight.flight_modes import SELF_LEVELLING
+
+        return None if mode in SELF_LEVELLING else (0.0, 0.0, 0.0)
+
+    def stick_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float] | None:
+        """Return those of modes that level the copter."""
+        from quadid_logs.autopilots.betaflight.flight_modes import SELF_LEVELLING
+        from quadid_logs.autopilots.betaflight.law import full_stick_rad_s
+
+        return (full_stick_rad_s(parameters),) * 2 if mode in SELF_LEVELLING else None
+
+    def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
+        """Looptime of the gyro [us] times the PID's denominator."""
+        from quadid_logs.autopilots.betaflight.law import loop_period_us
+
+        period_us = loop_period_us(parameters)
+        return 1e6 / period_us if period_us > 0.0 else 0.0
 
 
 class Betaflight(BlackboxFamily):
@@ -23,6 +39,13 @@ class Betaflight(BlackboxFamily):
 
     name = "betaflight"
     title = "Betaflight"
+
+    thrust_law = entry(f"{__name__}.mixer:thrust_law")
+    controllers = entry(f"{__name__}.controller:controllers")
+    replay_inputs = entry(f"{__name__}.replay:replay_inputs")
+    tunable = entry(f"{__name__}.gains:tunable")
+    filter_choices = entry(f"{__name__}.filter_choices:filter_choices")
+    advice = entry(f"{__name__}.advice:ADVICE")
 
     def formats(self) -> tuple[LogFormat, ...]:
         """Blackbox, from the card or the flash chip."""
@@ -32,58 +55,6 @@ class Betaflight(BlackboxFamily):
         suffixes = (".bbl", ".bfl")
         title = "Betaflight Blackbox"
         return (LogFormat("blackbox", title, blackbox.is_mine, read, suffixes, read_numbered=read),)
-
-    def controllers(
-        self,
-        log: FlightLog,
-        parameters: Mapping[str, float],
-        *,
-        period_s: float | None = None,  # noqa: ARG002
-        axes: Sequence[str] = AXES,
-    ) -> FlownControllers | None:
-        """Take the header's settings, and what moves as it was on average."""
-        from quadid_logs.autopilots.betaflight.controller import controllers
-
-        return controllers(log, parameters, axes)
-
-    def replay_inputs(
-        self, log: FlightLog, controllers: FlownControllers, intervals: Sequence[tuple[float, float]]
-    ) -> Mapping[str, ReplayInput]:
-        """Take frames with their set-points, rates and terms."""
-        from quadid_logs.autopilots.betaflight.replay import replay_inputs
-
-        return replay_inputs(log, controllers, intervals)
-
-    def tunable(
-        self,
-        parameters: Mapping[str, float],
-        version: tuple[int, ...] | None = None,  # noqa: ARG002
-    ) -> Tunable:
-        """P, I and D by their names on the command line."""
-        from quadid_logs.autopilots.betaflight.gains import tunable
-
-        return tunable(parameters)
-
-    def thrust_law(self, log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:
-        """``thrust_linear`` and ``vbat_sag_compensation``."""
-        from quadid_logs.autopilots.betaflight.thrust_law import thrust_law
-
-        return thrust_law(log, parameters)
-
-    def filter_choices(
-        self, log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]
-    ) -> FilterChoices:
-        """gyro_lpf*, dterm_lpf*, rpm_filter_*."""
-        from quadid_logs.autopilots.betaflight.filter_choices import filter_choices
-
-        return filter_choices(log, parameters, lines)
-
-    @property
-    def advice(self) -> Advice:
-        """Blackbox rate and the chirp mode."""
-        from quadid_logs.autopilots.betaflight.advice import ADVICE
-
-        return ADVICE
 
 
 AUTOPILOT = Betaflight()

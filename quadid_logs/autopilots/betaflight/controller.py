@@ -74,7 +74,11 @@ _FELT: Final = 0.02
 
 
 def controllers(
-    log: FlightLog, parameters: Mapping[str, float], axes: Sequence[str] = AXES
+    log: FlightLog,
+    parameters: Mapping[str, float],
+    *,
+    period_s: float | None = None,  # noqa: ARG001
+    axes: Sequence[str] = AXES,
 ) -> FlownControllers | None:
     """Return the controllers that the settings make; None for a version whose law is another.
 
@@ -82,6 +86,8 @@ def controllers(
     ----------
     log : FlightLog
         Tells the firmware, and throttle, rotor speeds and filter delays of the flight.
+    period_s : float or None
+        Not used: the header tells the loop's period.
 
     Notes
     -----

@@ -13,20 +13,21 @@ from quadid_logs.vocabulary import AXES
 _HIGHEST, _HIGHEST_BEFORE = 250.0, 200.0
 
 
-def tunable(parameters: Mapping[str, float]) -> Tunable:
+def tunable(
+    parameters: Mapping[str, float],
+    version: tuple[int, ...] | None = None,  # noqa: ARG001
+) -> Tunable:
     """Return the gains that may be changed.
 
     P, I and D are scaled together, and with D the other end of its range. Feed-forward is no part of the
     loop, and stays.
     """
-    # Name what changes the loop and is not modelled.
-    if parameters.get("tpa_curve_type", 0.0) != 0.0:
-        obstacle = "flown with a curve of throttle attenuation that is not modelled (tpa_curve_type)"
-    else:
-        obstacle = ""
+    curved = parameters.get("tpa_curve_type", 0.0) != 0.0
     return Tunable(
         axes={axis: _names(axis, parameters) for axis in AXES},
-        obstacle=obstacle,
+        obstacle="flown with a curve of throttle attenuation that is not modelled (tpa_curve_type)"
+        if curved
+        else "",
     )
 
 

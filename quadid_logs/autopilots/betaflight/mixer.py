@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
@@ -10,6 +11,7 @@ import numpy as np
 from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.log import FlightLog, whole_number
+from quadid_logs.data.off_nominal import AS_COMMANDED, ThrustLaw
 
 #: ``config/feature.h``: FEATURE_AIRMODE.
 _AIRMODE: Final = 1 << 22
@@ -143,3 +145,30 @@ def highest_output(voltage: FloatArray, settings: Mapping[str, float]) -> FloatA
     cells = min(np.floor(at_start_v / most_v) + 1.0, _MOST_CELLS)
     fallen = np.clip((_CELL_FULL_V - voltage / cells) / range_v, 0.0, 1.0)
     return np.asarray(1.0 - amount * range_v / _CELL_FULL_V * (1.0 - fallen))
+
+
+def thrust_law(log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:
+    """Return what Betaflight makes of a command of thrust; see `Autopilot.thrust_law`.
+
+    Parameters
+    ----------
+    log : FlightLog
+        Whose version it is.
+
+    Returns
+    -------
+    ThrustLaw
+        ``vbat_sag_compensation`` keeps a part of the outputs' range for an emptier battery; nothing makes
+        up for thin air.
+    """
+    amount = parameters.get("thrust_linear", 0.0) / 100.0
+
+    def output(command: FloatArray) -> FloatArray:
+        return linearised(command, amount, log.version)
+
+    def behind(voltage_v: float, n_cells: int) -> float:  # noqa: ARG001
+        if not math.isfinite(voltage_v):
+            return 1.0
+        return float(highest_output(np.array([voltage_v]), parameters)[0])
+
+    return AS_COMMANDED._replace(output=output, behind=behind)

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from quadid_logs.autopilots import LogFormat
-from quadid_logs.autopilots.betaflight.family import BlackboxFamily
-
-if TYPE_CHECKING:
-    from quadid_logs.autopilots.generic.advice import Advice
+from quadid_logs.autopilots import LogFormat, entry
+from quadid_logs.autopilots.betaflight import BlackboxFamily
 
 
 class Cleanflight(BlackboxFamily):
@@ -16,20 +11,14 @@ class Cleanflight(BlackboxFamily):
 
     name = "cleanflight"
     title = "Cleanflight"
+    advice = entry(f"{__name__}.advice:ADVICE")
 
     def formats(self) -> tuple[LogFormat, ...]:
         """Blackbox, from the card or the flash chip."""
-        from quadid_logs.autopilots.cleanflight.log import is_mine, read
+        from quadid_logs.autopilots.cleanflight.log import DIALECT, read
 
-        suffixes = (".bbl",)
-        return (LogFormat("blackbox", "Cleanflight Blackbox", is_mine, read, suffixes, read_numbered=read),)
-
-    @property
-    def advice(self) -> Advice:
-        """Flight mode, and choice of a log."""
-        from quadid_logs.autopilots.cleanflight.advice import ADVICE
-
-        return ADVICE
+        title = "Cleanflight Blackbox"
+        return (LogFormat("blackbox", title, DIALECT.is_mine, read, (".bbl",), read_numbered=read),)
 
 
 AUTOPILOT = Cleanflight()

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from quadid_logs.autopilots import Autopilot, LogFormat
+from quadid_logs.autopilots import Autopilot, LogFormat, entry
 
 if TYPE_CHECKING:
     from quadid_logs.actuation.airframe import Airframe, Unknown
-    from quadid_logs.autopilots.generic.advice import Advice
     from quadid_logs.data.log import FlightLog
 
 #: ATTITUDE_RATE of the firmware's stabilizer_types.h [Hz]: all of its controllers make torque so often.
@@ -21,6 +20,7 @@ class Crazyflie(Autopilot):
 
     name = "crazyflie"
     title = "Crazyflie"
+    advice = entry(f"{__name__}.advice:ADVICE")
 
     def formats(self) -> tuple[LogFormat, ...]:
         """Tell logs of the micro-SD deck by their first bytes: they have no suffix."""
@@ -40,13 +40,6 @@ class Crazyflie(Autopilot):
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:  # noqa: ARG002
         """Return the rate at which every controller of the firmware makes torque."""
         return _ATTITUDE_RATE_HZ
-
-    @property
-    def advice(self) -> Advice:
-        """Variables for the card, and a script that flies."""
-        from quadid_logs.autopilots.crazyflie.advice import ADVICE
-
-        return ADVICE
 
 
 AUTOPILOT = Crazyflie()

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from quadid_logs.autopilots import LogFormat
-from quadid_logs.autopilots.betaflight.family import BlackboxFamily
-
-if TYPE_CHECKING:
-    from quadid_logs.autopilots.generic.advice import Advice
+from quadid_logs.autopilots import LogFormat, entry
+from quadid_logs.autopilots.betaflight import BlackboxFamily
 
 
 class Inav(BlackboxFamily):
@@ -16,19 +11,14 @@ class Inav(BlackboxFamily):
 
     name = "inav"
     title = "INAV"
+    advice = entry(f"{__name__}.advice:ADVICE")
 
     def formats(self) -> tuple[LogFormat, ...]:
         """Blackbox, from the card or the flash chip."""
-        from quadid_logs.autopilots.inav.log import is_mine, read
+        from quadid_logs.autopilots.inav.log import DIALECT, read
 
-        return (LogFormat("blackbox", "INAV Blackbox", is_mine, read, (".bbl",), read_numbered=read),)
-
-    @property
-    def advice(self) -> Advice:
-        """Blackbox rate."""
-        from quadid_logs.autopilots.inav.advice import ADVICE
-
-        return ADVICE
+        title = "INAV Blackbox"
+        return (LogFormat("blackbox", title, DIALECT.is_mine, read, (".bbl",), read_numbered=read),)
 
 
 AUTOPILOT = Inav()

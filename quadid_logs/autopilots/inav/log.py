@@ -48,11 +48,6 @@ def read(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
     return read_dialect(DIALECT, path, system=system, number=number)
 
 
-def is_mine(head: bytes) -> bool:
-    """Tell whether a file that begins with these bytes is a Blackbox file of INAV."""
-    return DIALECT.is_mine(head)
-
-
 def _settings(settings: Mapping[str, float], version: Version | None) -> dict[str, float]:  # noqa: ARG001
     """Return settings without gains: their numbers mean other ones in Betaflight."""
     found = common_settings(settings, None)

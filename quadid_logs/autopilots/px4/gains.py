@@ -1,4 +1,8 @@
-"""PX4's gains of multirotors: names, and what is no multirotor."""
+"""PX4's gains of multirotors: names, documented ranges, and what is no multirotor.
+
+Ranges: @min and @max in mc_rate_control_params.c and mc_att_control_params.c of 1.14, 1.15 and 1.16, and in
+the YAML that followed them: only the lowest gain K of yaw differs.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,6 @@ from collections.abc import Mapping
 from typing import Final
 
 from quadid_logs.autopilots.px4.controller import AXIS_NAMES
-from quadid_logs.autopilots.px4.ranges import gain_ranges
 from quadid_logs.data.autotune import PolePlacement
 from quadid_logs.data.tuning import GainNames, Tunable
 
@@ -16,6 +19,16 @@ _FILTERS: Final = ("IMU_DGYRO_CUTOFF", "IMU_GYRO_CUTOFF")
 _MULTIROTORS: Final = (0.0, 6.0)
 #: MAV_TYPE of planes and of what takes off vertically and flies as one (MAVLink, MAV_TYPE).
 _NOT_TUNED: Final = {1: "a plane", 4: "a helicopter", **dict.fromkeys(range(19, 26), "a VTOL")}
+#: By what follows MC_ROLLRATE_; no highest value is documented of I, nor of D of pitch and yaw.
+_RATE: Final = {
+    "ROLL": {"K": (0.01, 5.0), "P": (0.01, 0.5), "I": (0.0, math.inf), "D": (0.0, 0.01)},
+    "PITCH": {"K": (0.01, 5.0), "P": (0.01, 0.6), "I": (0.0, math.inf), "D": (0.0, math.inf)},
+    "YAW": {"K": (0.01, 5.0), "P": (0.0, 0.6), "I": (0.0, math.inf), "D": (0.0, math.inf)},
+}
+#: MC_ROLL_P and its likes.
+_ANGLE: Final = {"ROLL": (0.0, 12.0), "PITCH": (0.0, 12.0), "YAW": (0.0, 5.0)}
+#: Up to this version MC_YAWRATE_K may be 0.
+_UP_TO: Final = (1, 16)
 
 
 def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = None) -> Tunable:
@@ -70,3 +83,24 @@ def _obstacle(parameters: Mapping[str, float]) -> str:
         return "no multirotor (CA_AIRFRAME)"
     kind = parameters.get("MAV_TYPE", 2.0)
     return next((words for number, words in _NOT_TUNED.items() if kind == number), "")
+
+
+def gain_ranges(name: str, version: tuple[int, ...] | None) -> dict[str, tuple[float, float]]:
+    """Return the documented ranges of one axis' gains.
+
+    Parameters
+    ----------
+    name : str
+        ROLL, PITCH or YAW.
+    version : tuple of int or None
+        Of the firmware, most significant first; the ranges of later ones where it is not told.
+
+    Returns
+    -------
+    dict of str to (float, float)
+        Lowest and highest value by parameter; infinite where none is documented.
+    """
+    ranges = {f"MC_{name}RATE_{short}": ends for short, ends in _RATE[name].items()}
+    if name == "YAW" and version is not None and version[:2] <= _UP_TO:
+        ranges["MC_YAWRATE_K"] = (0.0, 5.0)
+    return ranges | {f"MC_{name}_P": _ANGLE[name]}

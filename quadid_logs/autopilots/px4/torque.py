@@ -16,6 +16,8 @@ from quadid_logs.actuation.airframe import Airframe
 from quadid_logs.actuation.motors import MotorSeries, Rebuilt, any_motor, on_all_axes
 from quadid_logs.align.series import CleanLog, CleanSeries
 from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.log import FlightLog
+from quadid_logs.data.off_nominal import AS_COMMANDED, ThrustLaw
 from quadid_logs.data.torque import AssumedExpo
 from quadid_logs.maths.thrust_curve import relative_by_expo
 
@@ -28,6 +30,9 @@ _OFTEN = 0.5
 #: src/lib/mixer_module/output_functions.yaml: Motor 1 is 101.
 _FIRST_MOTOR_FUNCTION = 101
 _N_OUTPUTS = 16
+#: MC_BAT_SCALE_EN scales by 30 % at most; BAT1_V_CHARGED where the log does not hold it [V].
+_MOST_SCALE = 1.3
+_CHARGED_V = 4.05
 
 
 def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
@@ -209,3 +214,25 @@ def _limits(parameters: Mapping[str, float], prefix: str, channel: int) -> Itera
             for name in (f"{prefix}_{end}{channel}", f"{prefix}_{end}", f"PWM_{end}")
         )
         yield next((value for value in values if value > 0.0), math.nan)
+
+
+def thrust_law(log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG001
+    """Return what PX4 makes of a command of thrust; see `Autopilot.thrust_law`.
+
+    THR_MDL_FAC undoes the curve. With MC_BAT_SCALE_EN the set-points of torque and thrust are multiplied by
+    the charged cell's voltage over that of the cell now, before the allocation. Nothing makes up for thin
+    air (MulticopterRateControl.cpp, `Battery::computeScale`).
+    """
+    factor = float(np.clip(parameters.get("THR_MDL_FAC", 0.0), 0.0, 1.0))
+    charged_v = parameters.get("BAT1_V_CHARGED", _CHARGED_V)
+
+    def output(command: FloatArray) -> FloatArray:
+        return output_of_thrust(command, factor)
+
+    def before(voltage_v: float, n_cells: int) -> float:
+        cells = int(parameters.get("BAT1_N_CELLS", 0.0)) or n_cells
+        if not (parameters.get("MC_BAT_SCALE_EN", 0.0) > 0.0 and voltage_v > 0.0 and cells > 0):
+            return 1.0
+        return float(np.clip(charged_v * cells / voltage_v, 1.0, _MOST_SCALE))
+
+    return AS_COMMANDED._replace(output=output, before=before)
