@@ -138,10 +138,14 @@ class ArduPilotAdvice(Advice):
         if not self.sweep_magnitudes(version):
             return f"{by_stick} {_no_system_id(version)}"
         words = [word for axis in axes for word in ("--axis", axis)]
+        sweeps = "; ".join(
+            f"SID_AXIS {_SID_AXIS[axis]} (mixer {axis}) with SID_MAGNITUDE {_SID_MAGNITUDE[axis]}"
+            for axis in axes
+        )
         plan_command = command("plan", "--autopilot", "ardupilot", *words, "--like", LOG)
         return (
             f"{by_stick} ArduCopter's System ID mode{'' if version else ' (4.0 and later)'} does it by "
-            f"itself: {_sweeps(axes)}. On the mixer axes "
+            f"itself: {sweeps}. On the mixer axes "
             "the unit is a fraction of the full command, so that the default of 15 is dangerous: read the "
             f"value back before the flight; see `{plan_command}`."
         )
@@ -294,13 +298,6 @@ def _logging_limit(version: Version | None) -> str:
     return (
         f"ArduCopter {_dotted(version)} {what}{early}, whatever LOG_BITMASK is: update the firmware to 4.0 "
         f"or later{board}."
-    )
-
-
-def _sweeps(axes: Sequence[str]) -> str:
-    return "; ".join(
-        f"SID_AXIS {_SID_AXIS[axis]} (mixer {axis}) with SID_MAGNITUDE {_SID_MAGNITUDE[axis]}"
-        for axis in axes
     )
 
 

@@ -87,7 +87,12 @@ def _old_class(log: FlightLog, frame_type: int) -> tuple[int | None, str]:
     ):  # fmt: skip
         if re.search(rf"\b{word}", words):
             return number, f'and the log calls it "{log.frame}"'
-    motors = _moving_channels(log)
+    # The leading output channels that behave like motors.
+    motors, outputs = 0, next(iter(log.candidates("output_pwm")), None)
+    if outputs is not None and outputs.n_samples:
+        low, high = np.percentile(np.nan_to_num(outputs.values), (5.0, 95.0), axis=0)
+        moves = (high > _ALOFT_US) & (high - low > _MOVES_US)
+        motors = int(np.argmin(np.append(moves, False)))
     if "eight" in words or motors == 8:
         return None, "eight motors may be an octa or an octa-quad"
     if "six" in words or motors == 6:
@@ -95,17 +100,6 @@ def _old_class(log: FlightLog, frame_type: int) -> tuple[int | None, str]:
     if motors == 4 or "four" in words:
         return 1, "and four outputs move"
     return None, "the number of motors is unknown"
-
-
-def _moving_channels(log: FlightLog) -> int:
-    """Count the leading output channels that behave like motors."""
-    outputs = next(iter(log.candidates("output_pwm")), None)
-    if outputs is None or not outputs.n_samples:
-        return 0
-    values = np.nan_to_num(outputs.values)
-    high, low = np.percentile(values, 95.0, axis=0), np.percentile(values, 5.0, axis=0)
-    motor = (high > _ALOFT_US) & (high - low > _MOVES_US)
-    return int(np.argmin(np.append(motor, False)))
 
 
 def _channels(parameters: Mapping[str, float], n_rotors: int) -> tuple[tuple[int, ...], str]:

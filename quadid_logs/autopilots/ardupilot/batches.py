@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray
 from quadid_logs.containers.message_table import MessageTable
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, Rows, Signal, whole_number
 
@@ -77,30 +77,23 @@ def gyro_batches(
     values /= scale[batch][:, np.newaxis, np.newaxis]
     position = np.repeat(data.position[kept], _PER_ROW).reshape(-1, _PER_ROW)
     instance = header.integers("instance")[batch]
-    n_gyros, option = (
-        max(1, sum(bool(parameters.get(name)) for name in _GYRO_IDS)),
-        whole_number(parameters.get("INS_LOG_BAT_OPT")),
-    )
+    n_gyros = max(1, sum(bool(parameters.get(name)) for name in _GYRO_IDS))
+    option = whole_number(parameters.get("INS_LOG_BAT_OPT"))
     both = bool(option & _BOTH) or option & (_SENSOR_RATE | _AFTER_FILTER) == _SENSOR_RATE | _AFTER_FILTER
     found = []
     for sensor in np.unique(instance).tolist():
         mine = instance == sensor
         filtered = sensor >= n_gyros if both else bool(option & _AFTER_FILTER)
-        rows = Rows(time_s[mine].ravel(), position[mine].ravel())
-        found.append(_signal(rows, values[mine], sensor, sensor % n_gyros, filtered, known))
+        where = "behind its filters" if filtered else "before its filters"
+        found.append(
+            Signal(
+                name="gyro_samples",
+                rows=Rows(time_s[mine].ravel(), position[mine].ravel()),
+                values=values[mine].reshape(-1, len(_AXES)),
+                source=f"{HEADER} {DATA}[{sensor}]",
+                reason=f"batches of gyro {sensor % n_gyros}, {where}",
+                gyro_filter=known if filtered else NO_GYRO_FILTER,
+                raw=not filtered,
+            )
+        )
     return tuple(found)
-
-
-def _signal(
-    rows: Rows, values: FloatArray, instance: int, sensor: int, filtered: bool, known: GyroFilter
-) -> Signal:
-    where = "behind its filters" if filtered else "before its filters"
-    return Signal(
-        name="gyro_samples",
-        rows=rows,
-        values=values.reshape(-1, len(_AXES)),
-        source=f"{HEADER} {DATA}[{instance}]",
-        reason=f"batches of gyro {sensor}, {where}",
-        gyro_filter=known if filtered else NO_GYRO_FILTER,
-        raw=not filtered,
-    )

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.ardupilot.filters import (
     follows_unknown,
     gyro_period_s,
@@ -106,16 +104,17 @@ def controllers(
     flown_s = flown_period_s(log, parameters)
     gyro = gyro_filters(parameter_filter(parameters, log.followed, log.version), gyro_period_s(parameters))
     named_gyro = tuple(_named_gyro_filters(log, parameters))
-    remarks = list(_common_remarks(parameters, log.followed))
+    remarks = []
+    if notches := follows_unknown(parameters, log.followed):
+        remarks.append(ControllerRemark(kind=RemarkKind.NOTCH_UNKNOWN, values=notches))
+    if (boost := parameters.get("ATC_THR_G_BOOST", 0.0)) > 0.0:
+        remarks.append(ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, values={"ATC_THR_G_BOOST": boost}))
     for axis in axes:
         name = AXIS_NAMES[axis]
         refused = list(_refusals(parameters, axis, f"ATC_RAT_{name}_"))
         remarks += refused
         if not refused:
-            found[axis] = replace(
-                _axis(parameters, name, flown_s, gyro),
-                filters=(*named_gyro, *_named_filters(parameters, name, flown_s)),
-            )
+            found[axis] = _axis(parameters, name, flown_s, gyro, named_gyro)
             landing = f"ATC_LAND_{name[0]}_MULT"
             for kind, parameter, way in (
                 (RemarkKind.SLEW_LIMIT, f"ATC_RAT_{name}_SMAX", 0.0),
@@ -179,24 +178,36 @@ def pid_parameters(parameters: Mapping[str, float], name: str) -> dict[str, floa
 
 
 def _axis(
-    parameters: Mapping[str, float], name: str, period_s: float, gyro: tuple[Filter, ...]
+    parameters: Mapping[str, float],
+    name: str,
+    period_s: float,
+    gyro: tuple[Filter, ...],
+    named_gyro: tuple[NamedFilter, ...],
 ) -> AxisController:
     pid = pid_parameters(parameters, name)
     slope = derivative(period_s)
+    of_error, of_slope = (first_order(pid[short], period_s) for short in ("FLTE", "FLTD"))
     terms = (
-        gain(pid["P"], period_s)
-        + integrator(period_s).scaled(pid["I"])
-        + (slope * first_order(pid["FLTD"], period_s)).scaled(pid["D"])
+        gain(pid["P"], period_s) + integrator(period_s).scaled(pid["I"]) + (slope * of_slope).scaled(pid["D"])
     )
+    filters = list(named_gyro)
+    if pid["FLTE"] > 0.0:
+        filters.append(NamedFilter(name=f"ATC_RAT_{name}_FLTE", place=FilterPlace.ERROR, filter=of_error))
+    if pid["FLTD"] > 0.0 and pid["D"] != 0.0:
+        bare = (slope * of_error).scaled(pid["D"])
+        filters.append(
+            NamedFilter(name=f"ATC_RAT_{name}_FLTD", place=FilterPlace.PART, filter=of_slope, part=bare)
+        )
     feed_forward = gain(pid["FF"], period_s) + slope.scaled(pid["D_FF"])
     angle = finite(parameters.get(f"ATC_ANG_{name}_P"))
     names = {f"ATC_RAT_{name}_{short}": value for short, value in pid.items() if math.isfinite(value)}
     return AxisController(
         period_s=period_s,
-        error=terms * first_order(pid["FLTE"], period_s),
+        error=terms * of_error,
         target=first_order(pid["FLTT"], period_s),
         feed_forward=feed_forward if pid["FF"] or pid["D_FF"] else None,
         gyro=gyro,
+        filters=tuple(filters),
         angle_gain_per_s=angle,
         gains=names | ({} if angle is None else {f"ATC_ANG_{name}_P": angle}),
     )
@@ -215,17 +226,6 @@ def _named_gyro_filters(log: FlightLog, parameters: Mapping[str, float]) -> Iter
         )
 
 
-def _named_filters(parameters: Mapping[str, float], name: str, period_s: float) -> Iterator[NamedFilter]:
-    """Yield the filters of an axis' PID that the measured rate passes, by their parameters."""
-    pid = pid_parameters(parameters, name)
-    of_error, of_slope = (first_order(pid[short], period_s) for short in ("FLTE", "FLTD"))
-    if pid["FLTE"] > 0.0:
-        yield NamedFilter(name=f"ATC_RAT_{name}_FLTE", place=FilterPlace.ERROR, filter=of_error)
-    if pid["FLTD"] > 0.0 and pid["D"] != 0.0:
-        bare = (derivative(period_s) * of_error).scaled(pid["D"])
-        yield NamedFilter(name=f"ATC_RAT_{name}_FLTD", place=FilterPlace.PART, filter=of_slope, part=bare)
-
-
 def _refusals(parameters: Mapping[str, float], axis: str, prefix: str) -> Iterator[ControllerRemark]:
     """Yield why an axis has no controller here."""
     needed = [parameters.get(prefix + short, math.nan) for short in _NEEDED]
@@ -237,15 +237,3 @@ def _refusals(parameters: Mapping[str, float], axis: str, prefix: str) -> Iterat
     used = {name: value for name, value in notches.items() if value}
     if used:
         yield ControllerRemark(kind=RemarkKind.NOT_MODELLED, axis=axis, values=used)
-
-
-def _common_remarks(
-    parameters: Mapping[str, float], followed: Mapping[str, FloatArray]
-) -> Iterator[ControllerRemark]:
-    """Yield what concerns all axes."""
-    notches = follows_unknown(parameters, followed)
-    if notches:
-        yield ControllerRemark(kind=RemarkKind.NOTCH_UNKNOWN, values=notches)
-    boost = parameters.get("ATC_THR_G_BOOST", 0.0)
-    if boost > 0.0:
-        yield ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, values={"ATC_THR_G_BOOST": boost})

@@ -14,7 +14,7 @@ from quadid_logs.autopilots.ardupilot.followed import CENTRES, ROTORS
 from quadid_logs.autopilots.lines import STANDING_WIDTH, SortedLines, is_on, low_passes_on, sorted_lines
 from quadid_logs.data.health import Line
 from quadid_logs.data.log import FlightLog, Places
-from quadid_logs.data.tuning import Cutoffs, FilterChoices, written_hz
+from quadid_logs.data.tuning import FilterChoices, written_hz
 
 #: AP_InertialSensor/AP_InertialSensor.cpp, @Range of GYRO_FILTER: 0 256, where 0 is off; below 10 Hz it
 #: delays by more than a loop bears.
@@ -52,15 +52,16 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
     shared = low_passes_on(parameters, {"INS_GYRO_FILTER": _GYRO})
     return FilterChoices(
         shared=(shared,) if shared else (),
-        own={axis: tuple(_own(parameters, name)) for axis, name in AXIS_NAMES.items()},
+        own={
+            axis: tuple(
+                found
+                for short, ends in (_OWN_OF_YAW if axis == "yaw" else _OWN).items()
+                if (found := low_passes_on(parameters, {f"ATC_RAT_{name}_{short}": ends}))
+            )
+            for axis, name in AXIS_NAMES.items()
+        },
         notches=tuple(_notches(log, parameters, sorted_lines(lines))),
     )
-
-
-def _own(parameters: Mapping[str, float], name: str) -> Iterator[Cutoffs]:
-    for short, ends in (_OWN_OF_YAW if name == "YAW" else _OWN).items():
-        if found := low_passes_on(parameters, {f"ATC_RAT_{name}_{short}": ends}):
-            yield found
 
 
 def _notches(

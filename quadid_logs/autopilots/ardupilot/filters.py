@@ -158,9 +158,7 @@ class _Set:
     def places(self, followed: Mapping[str, FloatArray]) -> Places | None:
         """Return where the notches stood at instants of the flight, None where it is not known."""
         centres_hz = self._centres_hz(followed)
-        if centres_hz is None:
-            return None
-        return tuple(tuple(self._notches(row)) for row in centres_hz.tolist())
+        return None if centres_hz is None else tuple(tuple(self._notches(row)) for row in centres_hz.tolist())
 
     def _centres_hz(self, followed: Mapping[str, FloatArray]) -> FloatArray | None:
         """Return what the fundamentals follow, shape (n_instants, n_sources)."""

@@ -62,7 +62,14 @@ def followed(
     for name, signal, scale in ((THROTTLE, "throttle", 1.0), (ROTORS, "rotor_speed", 0.5 / math.pi)):
         for source in signals.get(signal, ())[:1]:
             found[name] = source.values * scale
-    found |= dict(_rpm(tables.get("RPM")))
+    rpm = tables.get("RPM")
+    for number, name in enumerate(RPM_SENSORS):
+        # rpm1 and rpm2 until 4.6, later a row for each sensor.
+        label = f"rpm{number + 1}"
+        if rpm is not None and rpm.has_numbers(label):
+            found[name] = _columns(rpm, (label,)) / 60.0
+        elif rpm is not None and rpm.has_numbers("I", "RPM"):
+            found[name] = _columns(rpm, ("RPM",), _of(rpm, "I", number)) / 60.0
     found |= dict(_peaks(tables))
     for number, name in enumerate(CENTRES):
         logged = next(_centres(tables, number), None)
@@ -84,18 +91,6 @@ def _of(table: MessageTable, label: str, number: int) -> BoolArray:
     return np.full(table.n_rows, number == 0)
 
 
-def _rpm(table: MessageTable | None) -> Iterator[tuple[str, FloatArray]]:
-    """Yield the speeds of rpm sensors: rpm1 and rpm2 until 4.6, later a row for each sensor."""
-    if table is None:
-        return
-    for number, name in enumerate(RPM_SENSORS):
-        label = f"rpm{number + 1}"
-        if table.has_numbers(label):
-            yield name, _columns(table, (label,)) / 60.0
-        elif table.has_numbers("I", "RPM"):
-            yield name, _columns(table, ("RPM",), _of(table, "I", number)) / 60.0
-
-
 def _peaks(tables: Mapping[str, MessageTable]) -> Iterator[tuple[str, FloatArray]]:
     """Yield the peaks of the gyro's spectrum: the one that is followed, or each of three.
 
@@ -108,17 +103,16 @@ def _peaks(tables: Mapping[str, MessageTable]) -> Iterator[tuple[str, FloatArray
         return
     labels = ("PkX", "PkY", "EnX", "EnY")
     parts = [_columns(each, labels, _of(each, "Id", peak)) for peak in range(_MOST_PEAKS)]
-    n_rows = min(len(part) for part in parts if len(part)) if any(map(len, parts)) else 0
-    weighted = [_weighted(part[:n_rows]) for part in parts if len(part)]
-    if weighted:
-        yield PEAKS, np.column_stack(weighted)
-
-
-def _weighted(part: FloatArray) -> FloatArray:
-    peaks, energies = part[:, :2], part[:, 2:]
-    known = np.all(energies > 0.0, axis=1, keepdims=True)
-    weights = np.where(known, energies, 1.0)
-    return np.asarray((peaks * weights).sum(axis=1) / weights.sum(axis=1))
+    parts = [part for part in parts if len(part)]
+    if not parts:
+        return
+    n_rows = min(map(len, parts))
+    weighted = []
+    for part in parts:
+        peaks, energies = part[:n_rows, :2], part[:n_rows, 2:]
+        weights = np.where(np.all(energies > 0.0, axis=1, keepdims=True), energies, 1.0)
+        weighted.append((peaks * weights).sum(axis=1) / weights.sum(axis=1))
+    yield PEAKS, np.column_stack(weighted)
 
 
 def _centres(tables: Mapping[str, MessageTable], number: int) -> Iterator[FloatArray]:

@@ -219,41 +219,30 @@ def frame_geometry(frame_class: int, frame_type: int) -> Frame:
         key = (5, 0)
     if key not in known_frames():
         raise ShapeError(f"There is no multirotor with FRAME_CLASS {frame_class}, FRAME_TYPE {frame_type}.")
-    factors, position = _from_angles(key) if key in _BY_ANGLE else _from_factors(key)
+    if key in _BY_ANGLE:
+        angle_deg, yaw = np.asarray(_BY_ANGLE[key], dtype=np.float64).T
+        x, y = np.cos(np.deg2rad(angle_deg)), np.sin(np.deg2rad(angle_deg))
+        factors = np.column_stack([-y, x, yaw])
+    else:
+        factors = np.asarray(_BY_FACTOR[key], dtype=np.float64)
+        x, y = factors[:, 1], -factors[:, 0]
+        if key in _TAILS:
+            roll_deg, pitch_deg, yaw = factors.T
+            x, y = np.cos(np.deg2rad(pitch_deg)), np.sin(np.deg2rad(pitch_deg))
+            factors = np.column_stack([-np.sin(np.deg2rad(roll_deg)), x, yaw])
+        elif frame_class == 5:
+            arm = np.deg2rad([_Y6_ARM_DEG[float(roll)] for roll in factors[:, 0]])
+            x, y = np.cos(arm), np.sin(arm)
+        reach = np.hypot(x, y).max()
+        x, y = x / reach, y / reach
+    factors, position = (
+        # What only rounding keeps from zero is zero, so that no axis leaks.
+        np.where(np.abs(each) < 1e-12, 0.0, each)
+        for each in (factors, np.column_stack([x, y, np.zeros_like(x)]))
+    )
     return Frame(
         name=f"{FRAME_CLASSES[key[0]]} {FRAME_TYPES.get(frame_type, str(frame_type))}",
         mixer=0.5 * factors / np.abs(factors).max(axis=0),
         position=position,
         spin=np.sign(factors[:, 2]),
     )
-
-
-def _from_angles(key: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-    """Mixer factors -sin, cos, yaw, and the unit arms (cos, sin, 0)."""
-    angle, yaw = np.asarray(_BY_ANGLE[key], dtype=np.float64).T
-    sine, cosine = np.sin(np.deg2rad(angle)), np.cos(np.deg2rad(angle))
-    factors = np.column_stack([-sine, cosine, yaw])
-    return _exact_zeros(factors), _exact_zeros(np.column_stack([cosine, sine, np.zeros_like(sine)]))
-
-
-def _from_factors(key: tuple[int, int]) -> tuple[FloatArray, FloatArray]:
-    """Mixer factors as tabled, and the arms that they describe."""
-    factors = np.asarray(_BY_FACTOR[key], dtype=np.float64)
-    if key in _TAILS:
-        roll_deg, pitch_deg, yaw = factors.T
-        factors = np.column_stack([-np.sin(np.deg2rad(roll_deg)), np.cos(np.deg2rad(pitch_deg)), yaw])
-        arm = np.deg2rad(pitch_deg)
-        x, y = np.cos(arm), np.sin(arm)
-    elif key[0] == 5:
-        arm = np.deg2rad([_Y6_ARM_DEG[float(roll)] for roll in factors[:, 0]])
-        x, y = np.cos(arm), np.sin(arm)
-    else:
-        x, y = factors[:, 1], -factors[:, 0]
-    reach = np.hypot(x, y).max()
-    position = np.column_stack([x / reach, y / reach, np.zeros_like(x)])
-    return _exact_zeros(factors), _exact_zeros(position)
-
-
-def _exact_zeros(values: FloatArray) -> FloatArray:
-    """Set what only rounding keeps from zero to zero, so that no axis leaks."""
-    return np.where(np.abs(values) < 1e-12, 0.0, values)

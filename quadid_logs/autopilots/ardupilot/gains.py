@@ -12,6 +12,7 @@ from typing import Final
 
 from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES
 from quadid_logs.data.autotune import Doubling, Twitching
+from quadid_logs.data.log import whole_number
 from quadid_logs.data.tuning import GainNames, Tunable
 
 #: AP_Motors_Class.h, FRAME_CLASS: what is no multirotor with the controllers that are known here.
@@ -39,10 +40,15 @@ _SINCE: Final = (4, 1)
 
 def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = None) -> Tunable:
     """Return the gains that may be changed."""
-    axes = {axis: _names(name, version) for axis, name in AXIS_NAMES.items()}
+    if parameters.get("Q_ENABLE", 0.0) > 0.0:
+        obstacle = "a plane that hovers (Q_ENABLE)"
+    elif parameters.get("CC_TYPE", 0.0) > 0.0:
+        obstacle = "flown by a custom controller (CC_TYPE)"
+    else:
+        obstacle = _NOT_TUNED.get(whole_number(parameters.get("FRAME_CLASS")), "")
     return Tunable(
-        axes=axes,
-        obstacle=_obstacle(parameters),
+        axes={axis: _names(name, version) for axis, name in AXIS_NAMES.items()},
+        obstacle=obstacle,
         procedures={
             axis: (*_autotune(parameters, axis), _quiktune(parameters, name))
             for axis, name in AXIS_NAMES.items()
@@ -110,16 +116,6 @@ def _names(name: str, version: tuple[int, ...] | None) -> GainNames:
         angle=f"ATC_ANG_{name}_P",
         ranges=gain_ranges(name, version),
     )
-
-
-def _obstacle(parameters: Mapping[str, float]) -> str:
-    """Name what is no plain multirotor with AC_PID."""
-    if parameters.get("Q_ENABLE", 0.0) > 0.0:
-        return "a plane that hovers (Q_ENABLE)"
-    if parameters.get("CC_TYPE", 0.0) > 0.0:
-        return "flown by a custom controller (CC_TYPE)"
-    frame = parameters.get("FRAME_CLASS", 0.0)
-    return next((words for number, words in _NOT_TUNED.items() if frame == number), "")
 
 
 def gain_ranges(name: str, version: tuple[int, ...] | None) -> dict[str, tuple[float, float]]:

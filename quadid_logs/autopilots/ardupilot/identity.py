@@ -82,10 +82,10 @@ def identify_vehicle(
     """
     firmware = next((text for text in texts if _FIRMWARE.match(text)), "")
     match = _FIRMWARE.match(firmware)
-    flown_by = _first_known(
-        _BUILD_TYPES.get(build_type) if build_type is not None else None,
-        _FIRMWARE_NAMES.get(match[1].lower()) if match else None,
-        _SOFTWARE_TYPES.get(whole_number(parameters.get("SYSID_SW_TYPE"), -1)),
+    flown_by = (
+        _BUILD_TYPES.get(-1 if build_type is None else build_type)
+        or (_FIRMWARE_NAMES.get(match[1].lower()) if match else None)
+        or _SOFTWARE_TYPES.get(whole_number(parameters.get("SYSID_SW_TYPE"), -1), "unknown")
     )
     frame_text = next((found[1] for text in reversed(texts) if (found := _FRAME_TEXT.match(text))), "")
     vehicle_type = _refine_type(flown_by, parameters, frame_text)
@@ -140,8 +140,3 @@ def _frame(vehicle_type: str, parameters: Mapping[str, float], frame_text: str, 
     if "Y6" in frame_class.upper() and frame_type in ("Y6B", "Y6F"):
         frame_class = ""
     return " ".join(filter(None, (frame_class, frame_type)))
-
-
-def _first_known(*candidates: str | None) -> str:
-    """Return the first candidate that is known."""
-    return next((candidate for candidate in candidates if candidate), "unknown")

@@ -12,13 +12,13 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES, loop_period_s
 from quadid_logs.autopilots.ardupilot.signals import DEGREE
 from quadid_logs.autopilots.loop_rows import Interval, in_step, last_before, longest_run, possible, within
 from quadid_logs.autopilots.versions import finite
 from quadid_logs.containers.message_table import MessageTable
-from quadid_logs.data.log import FlightLog, PositionRows, Rows, Signal
+from quadid_logs.data.log import FlightLog, PositionRows, Rows
 from quadid_logs.data.outer_loops import (
     AttitudeCommand,
     AttitudeRows,
@@ -247,7 +247,11 @@ def attitude_rows(
     # Slower rows do not tell the target's own rate.
     if float(np.median(step_s)) > 1.5 * loop_period_s({**parameters, "FSTRATE_ENABLE": 0.0}):
         return None
-    logged, same = _of_the_loop(setpoint, time_s[:-1])
+    # Set-points of rows that were logged in the same loop.
+    place, row = last_before(setpoint.time_s, time_s[:-1] + _SAME_LOOP_S)
+    logged = setpoint.values[row]
+    same = (place >= 0) & (np.abs(setpoint.time_s[row] - time_s[:-1]) <= _SAME_LOOP_S) & possible(logged)
+    logged = np.where(same[:, np.newaxis], logged, 0.0)
     wanted = quaternion_from_euler(target.values[run])
     error = multiply_quaternions(conjugate(quaternion_from_euler(attitude.values[run]))[:-1], wanted[:-1])
     forward = _forward(wanted, error, step_s, parameters)
@@ -285,14 +289,6 @@ def _forward(
         rotation_vector(multiply_quaternions(conjugate(wanted[:-1]), wanted[1:])) / step_s[:, np.newaxis]
     )
     return multiply_quaternions(multiply_quaternions(error, turned), conjugate(error))[:, 1:]
-
-
-def _of_the_loop(setpoint: Signal, time_s: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the set-points of rows that were logged in the same loop, and which those are."""
-    place, row = last_before(setpoint.time_s, time_s + _SAME_LOOP_S)
-    found = setpoint.values[row]
-    same = (place >= 0) & (np.abs(setpoint.time_s[row] - time_s) <= _SAME_LOOP_S) & possible(found)
-    return np.where(same[:, np.newaxis], found, 0.0), same
 
 
 def shaper_rows(

@@ -20,7 +20,7 @@ from quadid_logs.autopilots.loop_rows import (
     within,
 )
 from quadid_logs.data.controller import AxisRows, FlownControllers, ReplayedTerms, ReplayInput, Term
-from quadid_logs.data.log import ControllerTerms, FlightLog, Signal, whole_number
+from quadid_logs.data.log import FlightLog, Signal, whole_number
 from quadid_logs.maths.recurrence import anti_windup_sum, low_pass
 from quadid_logs.vocabulary import AXES
 
@@ -140,8 +140,17 @@ def _rows(
     terms_of_axis = [one for one in log.controller_terms if one.axis == axis]
     logged = next((one for one in terms_of_axis if _SCALE not in one.values), None)
     scaled = next((one for one in terms_of_axis if _SCALE in one.values), None)
-    found = {} if logged is None else _logged_at(logged, time_s[now])
+    found = {}
+    if logged is not None:
+        found = {name: matched(logged.rows.time_s, each, time_s[now]) for name, each in logged.values.items()}
+        # None of a term that a loop lacks.
+        found = {name: values for name, values in found.items() if np.isfinite(values).all()}
     limited, scale = found.pop("limited", None), found.pop("scale", None)
+    gain_scale = None
+    if scaled is not None:
+        gain_scale = matched(scaled.rows.time_s, scaled.values[_SCALE], time_s[now])
+        # 1 where none was written, or nonsense.
+        gain_scale = np.where((gain_scale > 0.0) & (gain_scale < _LARGEST_SCALE), gain_scale, 1.0)
     # What System ID mode added to the mixer's input: SIDD.Targ of the loop before.
     before_s = time_s[before]
     chirp = next(iter(log.candidates("sysid_chirp")), None)
@@ -163,17 +172,5 @@ def _rows(
         logged={term: found[term] for term in ("P", "I", "D", "FF") if term in found},
         limited=None if limited is None else limited > 0.5,
         scale=scale,
-        gain_scale=None if scaled is None else _gain_scale(scaled, time_s[now]),
+        gain_scale=gain_scale,
     )
-
-
-def _logged_at(logged: ControllerTerms, time_s: FloatArray) -> dict[str, FloatArray]:
-    """Return the logged terms at the loops' stamps; none where a loop lacks one."""
-    found = {name: matched(logged.rows.time_s, values, time_s) for name, values in logged.values.items()}
-    return {name: values for name, values in found.items() if np.isfinite(values).all()}
-
-
-def _gain_scale(logged: ControllerTerms, time_s: FloatArray) -> FloatArray:
-    """Return the factor on P and D at the loops' stamps: 1 where none was written, or nonsense."""
-    found = matched(logged.rows.time_s, logged.values[_SCALE], time_s)
-    return np.where((found > 0.0) & (found < _LARGEST_SCALE), found, 1.0)

@@ -221,16 +221,12 @@ _Row: TypeAlias = Source[MessagePart]
 
 
 def _rate(part: MessagePart, source: _Row) -> Built | None:
-    """Bring RATE's rates to rad/s, and say how the unit is known."""
+    """Bring RATE's rates to rad/s, and say with the measured ones how the unit is known."""
     scale, values = part.log.rate_scale, plain(part, source)
     if scale is None or values is None:
         return None
-    return Built(_scaled(values, scale.factor), f"logged in {scale.unit} ({scale.evidence})")
-
-
-def _rate_target(part: MessagePart, source: _Row) -> Built | None:
-    built = _rate(part, source)
-    return built and built._replace(note="")
+    note = f"logged in {scale.unit} ({scale.evidence})" if source.signal == "body_rate" else ""
+    return Built(_scaled(values, scale.factor), note)
 
 
 def _command(part: MessagePart, source: _Row) -> Built | None:
@@ -357,18 +353,8 @@ def _measured_density(part: MessagePart, source: _Row) -> FloatArray | None:
     return ratio[:, None]
 
 
-def _armed(part: MessagePart, source: _Row) -> Built | None:
-    """ARM.ArmState, and LogEvent::ARMED and DISARMED."""
-    return _changes(part, source, {10: 1.0, 11: 0.0}, "ARM.ArmState EV.Id 10 11")
-
-
-def _landed(part: MessagePart, source: _Row) -> Built | None:
-    """LogEvent::LAND_COMPLETE and NOT_LANDED of AP_Logger.h."""
-    return _changes(part, source, {18: 1.0, 28: 0.0}, "EV.Id 18 28")
-
-
 def _changes(part: MessagePart, source: _Row, meaning: dict[int, float], label: str) -> Built | None:
-    """Build a state from the events that change it."""
+    """Build a state from the events of EV, by what each number means, and ARM that change it."""
     found: list[tuple[Rows, AnyArray, FloatArray]] = []
     for table in part.log.named(source):
         rows = part.log.clock.rows(table)
@@ -421,6 +407,9 @@ _core: Final = partial(DataFlashSource, build=_angles, scale=DEGREE, split=Split
 _estimated: Final = partial(DataFlashSource, split=Split.CORES, optional=("PI",))
 _pids: Final = partial(_whole, joined=PID_MESSAGES[1:], unless="RATE")
 _VELOCITY: Final = ("VN", "VE", "VD")
+#: LogEvent of AP_Logger.h: ARMED and DISARMED; LAND_COMPLETE and NOT_LANDED.
+_armed: Final = partial(_changes, meaning={10: 1.0, 11: 0.0}, label="ARM.ArmState EV.Id 10 11")
+_landed: Final = partial(_changes, meaning={18: 1.0, 28: 0.0}, label="EV.Id 18 28")
 #: AP_InertialSensor logs IMU from get_gyro(), behind the filters; GYR has raw samples.
 GYROS: Final = (
     *(_each("body_rate", name, _GYRO, "gyro", filtered=True) for name in ("IMU", "IMU2", "IMU3")),
@@ -435,7 +424,7 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
     _one("body_rate", "SIDD", ("Gx", "Gy", "Gz"), "system-ID mode: delta angle over time, unfiltered",
          scale=DEGREE, raw=True),
     _pids("body_rate", "PIDR", ("Act",), "what the rate PIDs were fed with; RATE is missing", _pid_sum),
-    *(_whole("body_rate_setpoint", "RATE", age.target, "the rate controller's target", _rate_target)
+    *(_whole("body_rate_setpoint", "RATE", age.target, "the rate controller's target", _rate)
       for age in _RATE_AGES),
     _pids("body_rate_setpoint", "PIDR", ("Tar",), "target of the rate PIDs; RATE is missing", _pid_sum),
     _pids("body_rate_setpoint", "PIDR", ("Des",), "target of the rate PIDs; RATE is missing",

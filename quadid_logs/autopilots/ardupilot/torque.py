@@ -70,7 +70,7 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     if series is None or not airframe.channels or max(airframe.channels) > series.n_columns:
         outputs = None
     else:
-        outputs = _Pulses(series, series.values[:, [channel - 1 for channel in airframe.channels]])
+        outputs = replace(series, stored=series.stored[:, [channel - 1 for channel in airframe.channels]])
     vehicle = _Vehicle(log, airframe, settings, outputs)
     command = _command(log)
     law, mixed = _Law(DensityLaw.NONE), None
@@ -121,21 +121,13 @@ def motor_settings(known: Mapping[str, float]) -> MotorSettings | None:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Pulses:
-    """Logged pulse widths, one column per motor."""
-
-    series: CleanSeries
-    values: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Vehicle:
     """What stays the same in every attempt to mix."""
 
     log: CleanLog
     airframe: Airframe
     settings: MotorSettings
-    outputs: _Pulses | None
+    outputs: CleanSeries | None
 
     def supply(self, time_s: FloatArray, density: CleanSeries | None) -> Supply:
         """Return battery, air and throttle limits at times [s]."""
@@ -194,7 +186,7 @@ def _best_law(vehicle: _Vehicle, command: _Command) -> _Law:
     if vehicle.outputs is None:
         return laws[0]
     laws.append(_Law(DensityLaw.FITTED))
-    row, _ = _same_loop(command.series, vehicle.outputs.series)
+    row, _ = _same_loop(command.series, vehicle.outputs)
     near = np.unique(np.clip(row[:, None] + np.array(_LOOPS), 0, command.series.n_samples - 1))
     few = _Command(command.series.take(near), command.throttle[near])
     return min(laws, key=lambda law: _misfit(_compare(vehicle, _mixed(vehicle, few, law), law)))
@@ -260,10 +252,10 @@ def _fitted_gain(vehicle: _Vehicle, command: _Command, supply: Supply) -> FloatA
     outputs = vehicle.outputs
     if outputs is None:
         return supply.gain
-    row, same = _same_loop(command.series, outputs.series)
-    at_outputs = vehicle.supply(outputs.series.time_s, None)
+    row, same = _same_loop(command.series, outputs)
+    at_outputs = vehicle.supply(outputs.time_s, None)
     actuator = actuator_of_pulse(outputs.values, vehicle.settings)
-    available = _motor_series(vehicle, outputs.series, actuator, at_outputs).command_thrust
+    available = _motor_series(vehicle, outputs, actuator, at_outputs).command_thrust
     available = available * at_outputs.gain[:, None]
     flown = vehicle.log.flown(command.series.time_s, command.throttle)
     usable = same & flown[row] & (command.throttle[row] > _LEAST_THROTTLE)
@@ -272,19 +264,19 @@ def _fitted_gain(vehicle: _Vehicle, command: _Command, supply: Supply) -> FloatA
     ratio = available.mean(axis=1)[usable] / command.throttle[row[usable]]
     padded = np.pad(ratio, _GAIN_ROWS // 2, mode="edge")
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, _GAIN_ROWS), axis=1)
-    gain = np.interp(command.series.time_s, outputs.series.time_s[usable], smooth)
+    gain = np.interp(command.series.time_s, outputs.time_s[usable], smooth)
     return np.asarray(gain, dtype=np.float64)
 
 
-def _from_pulses(vehicle: _Vehicle, outputs: _Pulses, law: _Law) -> MotorSeries:
+def _from_pulses(vehicle: _Vehicle, outputs: CleanSeries, law: _Law) -> MotorSeries:
     """Return the series that RCOU tells, at RCOU's rate."""
-    supply = vehicle.supply(outputs.series.time_s, law.source)
+    supply = vehicle.supply(outputs.time_s, law.source)
     actuator = actuator_of_pulse(outputs.values, vehicle.settings)
     at_stop = any_motor((actuator <= 0.0) | (actuator >= 1.0))
     return replace(
-        _motor_series(vehicle, outputs.series, actuator, supply),
+        _motor_series(vehicle, outputs, actuator, supply),
         saturated=on_all_axes(at_stop),
-        source=f"{outputs.series.source} back through the thrust curve",
+        source=f"{outputs.source} back through the thrust curve",
         reason="the pulse widths that the motors got: saturation and spin limits are in them",
     )
 
@@ -301,16 +293,15 @@ def _compare(vehicle: _Vehicle, mixed: MotorSeries, law: _Law) -> MixerCheck | N
     """Compare recomputed with logged pulse widths on flown rows that nothing limits."""
     if vehicle.outputs is None:
         return None
-    outputs = vehicle.outputs
-    checks = [_compare_loop(mixed, outputs, vehicle.settings, law, loop) for loop in _LOOPS]
+    checks = [_compare_loop(mixed, vehicle.outputs, vehicle.settings, law, loop) for loop in _LOOPS]
     return min(checks, key=_misfit)
 
 
 def _compare_loop(
-    mixed: MotorSeries, outputs: _Pulses, settings: MotorSettings, law: _Law, loop: int
+    mixed: MotorSeries, outputs: CleanSeries, settings: MotorSettings, law: _Law, loop: int
 ) -> MixerCheck | None:
     """Compare with the command of the same loop, or of a neighbouring one."""
-    row, same = _same_loop(mixed.base, outputs.series)
+    row, same = _same_loop(mixed.base, outputs)
     row = np.clip(row + loop, 0, mixed.base.n_samples - 1)
     free = np.zeros(row.shape, np.bool_) if mixed.saturated is None else ~mixed.saturated[row].any(axis=1)
     usable = same & free & mixed.flown[row]
