@@ -1,15 +1,21 @@
-"""The filters that autopilots' controllers are made of, step by step as their code runs them."""
+"""The filters of gyros and controllers: which ones parameters tell, and how the code runs them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 
 from quadid_logs.data.controller import DiscreteFilter, Filter, FilterPlace, MeanFilter, NamedFilter
 from quadid_logs.data.log import GyroFilter, Notch, Places
+
+#: A notch below is no vibration's, and one above moves nothing that is fitted.
+_RANGE_HZ: Final = (5.0, 2000.0)
+#: One narrower than this fraction of its frequency delays what is slower by less than a microsecond.
+_LEAST_INVERSE_Q: Final = 1e-6
 
 
 def unit(period_s: float) -> DiscreteFilter:
@@ -84,6 +90,36 @@ def notch(wanted: Notch, period_s: float) -> DiscreteFilter:
         ((1.0 + alpha * depth) * scale, middle * scale, (1.0 - alpha * depth) * scale),
         (1.0, middle * scale, (1.0 - alpha) * scale),
         period_s,
+    )
+
+
+def gyro_filter(low_pass_hz: float, notches: Iterable[Notch], tracked: Iterable[Places] = ()) -> GyroFilter:
+    """Return the filters that change anything.
+
+    Parameters
+    ----------
+    low_pass_hz : float
+        Cut-off of a low-pass of second order; what is not positive and finite counts as none.
+    notches : iterable of Notch
+        Of any numbers: parameters hold NaN, infinities and negative widths.
+    tracked : iterable of Places
+        Groups of notches that moved, of any numbers too.
+    """
+
+    def felt(of_parameters: Iterable[Notch]) -> tuple[Notch, ...]:
+        return tuple(
+            one
+            for one in of_parameters
+            if _RANGE_HZ[0] <= one.frequency_hz <= _RANGE_HZ[1]
+            and _LEAST_INVERSE_Q <= one.inverse_q < math.inf
+            and one.depth < 1.0
+        )
+
+    groups = (tuple(map(felt, instants)) for instants in tracked)
+    return GyroFilter(
+        float(low_pass_hz) if 0.0 < low_pass_hz < math.inf else math.nan,
+        felt(notches),
+        tuple(instants for instants in groups if any(instants)),
     )
 
 

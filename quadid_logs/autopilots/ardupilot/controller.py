@@ -19,11 +19,11 @@ from quadid_logs.autopilots.discrete import (
     derivative,
     first_order,
     gain,
+    gyro_filter,
     gyro_filters,
     integrator,
     notches_named,
 )
-from quadid_logs.autopilots.filters import gyro_filter
 from quadid_logs.autopilots.modes import gains_named
 from quadid_logs.autopilots.versions import by_short_names, finite, read_version
 from quadid_logs.data.controller import (

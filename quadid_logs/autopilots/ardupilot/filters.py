@@ -12,7 +12,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.ardupilot.followed import CENTRES, PEAK, PEAKS, ROTORS, RPM_SENSORS, THROTTLE
-from quadid_logs.autopilots.filters import gyro_filter
+from quadid_logs.autopilots.discrete import gyro_filter
 from quadid_logs.data.log import GyroFilter, Notch, Places, whole_number
 
 #: INS_HNTCH_MODE.

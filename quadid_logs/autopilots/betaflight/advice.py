@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -226,8 +226,10 @@ class BetaflightAdvice(Advice):
         }
         before = {name: parameters.get(name, _CHIRP_DEFAULTS[name]) for name in wanted}
         return {
-            CHIRP: _lines("All axes by the CHIRP mode, twice", wanted, "CHIRP"),
-            CHIRP_OFF: _lines("The chirp as it was, or as it is by default", before, "NONE"),
+            CHIRP: command_line("All axes by the CHIRP mode, twice", wanted.items(), "debug_mode = CHIRP"),
+            CHIRP_OFF: command_line(
+                "The chirp as it was, or as it is by default", before.items(), "debug_mode = NONE"
+            ),
         }
 
     def parameter_text(
@@ -237,8 +239,7 @@ class BetaflightAdvice(Advice):
         parameters: Mapping[str, float] = MappingProxyType({}),  # noqa: ARG002
     ) -> str:
         """Return lines for the command line."""
-        lines = (f"set {name} = {digits(value)}" for name, value in settings)
-        return "\n".join((f"# {comment}", *lines, "save")) + "\n"
+        return command_line(comment, settings)
 
     def gain_text(
         self,
@@ -269,10 +270,10 @@ class BetaflightAdvice(Advice):
         )
 
 
-def _lines(comment: str, settings: Mapping[str, float], debug_mode: str) -> str:
-    """Return lines of the command line."""
-    lines = (f"set {name} = {digits(value)}" for name, value in settings.items())
-    return "\n".join((f"# {comment}", f"set debug_mode = {debug_mode}", *lines, "save")) + "\n"
+def command_line(comment: str, settings: Iterable[Setting], *first: str) -> str:
+    """Return lines for the command line that set, after what comes first, parameters and save them."""
+    lines = (*first, *(f"{name} = {digits(value)}" for name, value in settings))
+    return "\n".join((f"# {comment}", *(f"set {line}" for line in lines), "save")) + "\n"
 
 
 def _period_us(parameters: Mapping[str, float]) -> float:

@@ -6,13 +6,15 @@ clockwise from above is a spin of +1; the other way round with yaw_motors_revers
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+import math
+from operator import itemgetter
+from typing import Final
 
 import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe, Unknown
 from quadid_logs.arrays import FloatArray
-from quadid_logs.autopilots.betaflight.frames import FEW_MOTORS, FRAMES, Frame
+from quadid_logs.autopilots.betaflight.frames import FEW_MOTORS, FRAMES
 from quadid_logs.data.log import FlightLog
 
 #: Slopes of flown logs on those of the mixer: without airmode it halves them at low throttle; thrust
@@ -23,14 +25,6 @@ _SLOPES: Final = (0.4, 1.5)
 _OFF: Final = 0.25
 #: Rows that tell slopes to well within the tolerance.
 _FEWEST_ROWS, _MOST_ROWS = 500, 20_000
-
-
-class _Match(NamedTuple):
-    """A frame of the table with its rotors one way round, and the largest slope that is off."""
-
-    off: float
-    frame: Frame
-    direction: float
 
 
 def find_airframe(log: FlightLog) -> Airframe | Unknown:
@@ -51,24 +45,32 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
             "The mixer's yaw is the integral of the logged yaw sum (use_integrated_yaw): what this log tells "
             "of yaw is no answer to a torque."
         )
-    # The frame of the table that slopes (3, n_motors) are nearest to, None where none is near.
+    # Frames of the table, rotors either way round, the one first that slopes (3, n_motors) are nearest to.
     matches = [
-        _Match(_off(slopes, frame.mixer * [1.0, 1.0, direction]), frame, direction)
+        (_off(slopes, frame.mixer * [1.0, 1.0, direction]), frame, direction)
         for frame in FRAMES
         if len(frame.mixer) == slopes.shape[1]
         for direction in (1.0, -1.0)
     ]
-    best = min(matches, key=lambda match: match.off, default=None)
-    found = best if best is not None and best.off < _OFF else None
-    if found is None:
+    off, frame, direction = min(matches, key=itemgetter(0), default=(math.inf, FRAMES[0], 1.0))
+    if not off < _OFF:
         return _as_they_are(
             f"The {n_motors} motors do not follow the PID sums as those of a frame in Betaflight's motor "
             "table do: a custom mixer, or an order of its own."
         )
-    name, why = found.frame.name, found.frame.unread
-    if why:
-        return _as_they_are(f"The motors follow the PID sums as those of a {name} do, and {why}.")
-    return _airframe(found)
+    if frame.unread:
+        return _as_they_are(
+            f"The motors follow the PID sums as those of a {frame.name} do, and {frame.unread}."
+        )
+    mix = frame.mixer * [1.0, 1.0, direction]
+    return Airframe(
+        name=frame.name,
+        source="how the motors follow the PID sums" + ("" if direction > 0 else "; rotors reversed"),
+        factors=np.column_stack([mix, np.ones(len(mix))]),
+        position=frame.position,
+        spin=np.sign(mix[:, 2]),
+        remarks=("The arms are those of a symmetric frame: no header holds them.",),
+    )
 
 
 def _as_they_are(why: str) -> Unknown:
@@ -85,21 +87,8 @@ def _off(slopes: FloatArray, mixer: FloatArray) -> float:
     apart, wanted = (one - one.mean(axis=1, keepdims=True) for one in (slopes, mixer.T))
     scale = np.sum(apart * wanted, axis=1) / np.sum(wanted**2, axis=1)
     if not ((scale > _SLOPES[0]) & (scale < _SLOPES[1])).all():
-        return float("inf")
+        return math.inf
     return float(np.max(np.abs(apart / scale[:, np.newaxis] - wanted)))
-
-
-def _airframe(found: _Match) -> Airframe:
-    """Return the frame with its rotors this way round."""
-    mix = found.frame.mixer * [1.0, 1.0, found.direction]
-    return Airframe(
-        name=found.frame.name,
-        source="how the motors follow the PID sums" + ("" if found.direction > 0 else "; rotors reversed"),
-        factors=np.column_stack([mix, np.ones(len(mix))]),
-        position=found.frame.position,
-        spin=np.sign(mix[:, 2]),
-        remarks=("The arms are those of a symmetric frame: no header holds them.",),
-    )
 
 
 def _slopes(log: FlightLog) -> FloatArray | None:

@@ -87,25 +87,21 @@ def _as_logged(debug: FloatArray) -> FloatArray | None:
 
 def _of_phase(phase: FloatArray, time_s: FloatArray, sweep: Sweep) -> FloatArray | None:
     """Make the excitation from the phase of each run."""
-    found = np.zeros(len(phase))
+    found, rows = np.zeros(len(phase)), np.flatnonzero(phase)
+    if not rows.size:
+        return None
     if phase.min(initial=0.0) < 0.0 or phase.max(initial=0.0) > 2.0 * math.pi * _PHASE_ONE + 1.0:
         return None
-    for run in _runs(phase):
+    cuts = np.flatnonzero(np.diff(rows) > _ROUNDED_ROWS + 1)
+    for begin, end in zip(rows[np.append(0, cuts + 1)], rows[np.append(cuts, -1)], strict=True):
+        if end - begin < _FEWEST_ROWS:
+            continue
+        run = slice(begin, end + 1)
         made = _run(phase[run].astype(np.float64) / _PHASE_ONE, time_s[run], sweep)
         if made is None:
             return None
         found[run] = made
     return found if found.any() else None
-
-
-def _runs(phase: FloatArray) -> list[slice]:
-    """Return the rows of every run that is long enough to be told."""
-    rows = np.flatnonzero(phase)
-    if not rows.size:
-        return []
-    cuts = np.flatnonzero(np.diff(rows) > _ROUNDED_ROWS + 1)
-    begins, ends = rows[np.append(0, cuts + 1)], rows[np.append(cuts, -1)]
-    return [slice(a, b + 1) for a, b in zip(begins, ends, strict=True) if b - a >= _FEWEST_ROWS]
 
 
 def _run(phase: FloatArray, time_s: FloatArray, sweep: Sweep) -> FloatArray | None:

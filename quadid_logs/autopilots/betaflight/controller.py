@@ -148,6 +148,7 @@ def _axis(log: FlightLog, parameters: Mapping[str, float], axis: str) -> AxisCon
     of_d = gains.between(d_parts(log)[axis]) * factor
     error = p_filter(parameters, axis, period_s).scaled(of_p) + integrator(period_s).scaled(gains.integral)
     angle = _angle(log, parameters) if axis in _LEVELLED else None
+    settings = (f"{short}_{axis}" for short in ("p", "i", "d", "d_min", "d_max", "f"))
     return AxisController(
         period_s=period_s,
         error=error,
@@ -158,7 +159,7 @@ def _axis(log: FlightLog, parameters: Mapping[str, float], axis: str) -> AxisCon
         predictable=False,
         angle_gain_per_s=angle,
         angle_delay_steps=1 if angle is None else max(1, round(angle_delay_s(log.version) / period_s)),
-        gains=_named(parameters, axis),
+        gains={name: parameters[name] for name in settings if finite(parameters.get(name)) is not None},
     )
 
 
@@ -208,12 +209,6 @@ def _gyro(
     phase = sum(float(np.angle(each.response(_SLOW_HZ)[0])) for each in flown_filters)
     later_s = mean.gyro_delay_s + phase / (2.0 * math.pi * float(_SLOW_HZ[0]))
     return (*known, DiscreteFilter(np.array([0.0, 1.0]), np.ones(1), later_s)) if later_s > 0.0 else known
-
-
-def _named(parameters: Mapping[str, float], axis: str) -> dict[str, float]:
-    """Return the settings that make an axis' gains."""
-    names = (f"{short}_{axis}" for short in ("p", "i", "d", "d_min", "d_max", "f"))
-    return {name: parameters[name] for name in names if finite(parameters.get(name)) is not None}
 
 
 def _common_remarks(

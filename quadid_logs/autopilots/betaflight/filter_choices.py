@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from quadid_logs.autopilots.betaflight.filters import (
@@ -47,13 +47,11 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
 
 
 def _ranges(parameters: Mapping[str, float], low_passes: Sequence[LowPassNames]) -> Cutoffs:
-    return {name: _CUTOFF for names in low_passes for name in _cutoffs(parameters, names)}
-
-
-def _cutoffs(parameters: Mapping[str, float], names: LowPassNames) -> Iterator[str]:
-    """Yield the settings that make the cut-off of a low-pass: the ends of its range, or one that stands."""
-    if names.dynamic and parameters.get(f"{names.dynamic}[0]", 0.0) > 0.0:
-        yield f"{names.dynamic}[0]"
-        yield f"{names.dynamic}[1]"
-    elif parameters.get(names.static, 0.0) > 0.0:
-        yield names.static
+    """Return the settings that make the cut-offs of low-passes: ends of a range, or one that stands."""
+    found: dict[str, tuple[float, float]] = {}
+    for names in low_passes:
+        if names.dynamic and parameters.get(f"{names.dynamic}[0]", 0.0) > 0.0:
+            found |= {f"{names.dynamic}[{end}]": _CUTOFF for end in (0, 1)}
+        elif parameters.get(names.static, 0.0) > 0.0:
+            found[names.static] = _CUTOFF
+    return found

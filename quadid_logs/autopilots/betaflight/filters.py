@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.autopilots.discrete import butterworth, first_order, notches_named, standing
-from quadid_logs.autopilots.filters import gyro_filter
+from quadid_logs.autopilots.discrete import butterworth, first_order, gyro_filter, notches_named, standing
 from quadid_logs.data.controller import DiscreteFilter, FilterPlace, NamedFilter
 from quadid_logs.data.log import GyroFilter, Notch, whole_number
 

@@ -171,8 +171,13 @@ def _signals(
     known = None
     if filtered is not None and unfiltered is not None and len(rows.time_s) > 1:
         known = measured_filter(filtered, unfiltered, float(np.median(np.diff(rows.time_s))))
-    known = known or settings_filter(settings, _rotors_hz(dialect, part))
-
+    if known is None:
+        speed = next((source for source in dialect.sources if source.signal == "rotor_speed"), None)
+        values = None if speed is None else speed.build(part, speed)
+        rotors_hz = (
+            values.mean(axis=0, dtype=np.float64) / (2.0 * math.pi) if isinstance(values, np.ndarray) else ()
+        )
+        known = settings_filter(settings, [float(one) for one in rotors_hz])
     uses = Counter(field for source in dialect.sources for field in (*source.fields, *source.optional))
 
     def parts_of(source: Source[Part[FrameTable]]) -> Iterator[Part[FrameTable]]:
@@ -184,15 +189,6 @@ def _signals(
                 main.let_go(field)
 
     return build_signals(dialect.sources, parts_of, gyro_filter=known)
-
-
-def _rotors_hz(dialect: Dialect, part: Part[FrameTable]) -> tuple[float, ...]:
-    """Return the mean speed of each rotor [Hz], none where it is not logged."""
-    speed = next((source for source in dialect.sources if source.signal == "rotor_speed"), None)
-    values = None if speed is None else speed.build(part, speed)
-    if not isinstance(values, np.ndarray):
-        return ()
-    return tuple((values.mean(axis=0, dtype=np.float64) / (2.0 * math.pi)).tolist())
 
 
 def _utc_offset_s(start: str, time_s: FloatArray) -> float:

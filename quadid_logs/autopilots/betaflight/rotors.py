@@ -114,8 +114,11 @@ def find_rotors(log: CleanLog, motors: CleanSeries, output: FloatArray, flown: B
     """
     one = np.ones((1, 1))
     common = Rotors(COMMON_EXPO, COMMON_LAG_S, _supply(log, motors, flown), one, measured=False)
-    speed = _speeds(log, motors, output.shape[1])
-    if speed is None or np.count_nonzero(flown) < _FEWEST_ROWS:
+    logged = log.first("rotor_speed")
+    if logged is None or logged.n_columns != output.shape[1]:
+        return common
+    speed = np.column_stack([logged.at(motors.time_s, number) for number in range(logged.n_columns)])
+    if not np.isfinite(speed).all() or np.count_nonzero(flown) < _FEWEST_ROWS:
         return common
     width = max(round(_DRIFT_S / motors.period_s), 1)
     expo, lag_s, explained = _fitted(speed, output, flown, motors.period_s, width)
@@ -160,15 +163,6 @@ def _supply(log: CleanLog, motors: CleanSeries, flown: BoolArray) -> FloatArray:
     if not believed.all():
         return np.ones((1, 1))
     return np.asarray(np.clip(relative, *_BELIEVED)[:, np.newaxis])
-
-
-def _speeds(log: CleanLog, motors: CleanSeries, n_rotors: int) -> FloatArray | None:
-    """Return the rotors' speeds on the motors' rows, None where there are none for all of them."""
-    logged = log.first("rotor_speed")
-    if logged is None or logged.n_columns != n_rotors:
-        return None
-    speed = np.column_stack([logged.at(motors.time_s, number) for number in range(n_rotors)])
-    return speed if np.isfinite(speed).all() else None
 
 
 def _fitted(

@@ -7,8 +7,9 @@ rounded since 4.4, cut towards zero before.
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -201,27 +202,18 @@ def _columns(part: _Part, source: _Row) -> FloatArray | None:
     return stacked(part.table, source.fields, source.scale, np.float32)
 
 
-def _set_points(part: _Part, source: _Row) -> FloatArray | None:
-    """Turn degrees per second, or tenths of them, into rad/s, FRD."""
-    return _turned(_columns(part, source), part.log.rate)
-
-
-def _gyro(part: _Part, source: _Row) -> FloatArray | None:
-    """Turn degrees per second, tenths of them, or counts of the sensor into rad/s, FRD."""
-    return _turned(_columns(part, source), part.log.gyro)
-
-
-def _debug_gyro(part: _Part, source: _Row) -> FloatArray | None:
-    """Turn the whole degrees per second that one debug mode holds into rad/s, FRD."""
-    return _turned(_columns(part, source), 1.0) if part.log.debug_is_gyro else None
-
-
-def _turned(rates: FloatArray | None, unit: float) -> FloatArray | None:
+def _turned(part: _Part, source: _Row, unit: Callable[[Facts], float]) -> FloatArray | None:
     """Turn rates, forward-left-up, in a unit [deg/s] into rad/s, FRD; None for a unit that is none."""
-    if rates is None or not np.isfinite(unit):
+    rates, unit_dps = _columns(part, source), unit(part.log)
+    if rates is None or not np.isfinite(unit_dps):
         return None
-    rates *= _DEGREE * unit * TO_FRD
+    rates *= _DEGREE * unit_dps * TO_FRD
     return rates
+
+
+_set_points: Final = partial(_turned, unit=lambda facts: facts.rate)
+_gyro: Final = partial(_turned, unit=lambda facts: facts.gyro)
+_debug_gyro: Final = partial(_turned, unit=lambda facts: 1.0 if facts.debug_is_gyro else np.nan)
 
 
 def _by_sticks(part: _Part, source: _Row) -> Built | None:

@@ -77,9 +77,9 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
 
 def controllers_of(tables: list[EventTable]) -> list[str]:
     """Return the controllers whose commands move."""
-    return [name for name, fields in _CONTROLLERS.items() if any(_moves(table, fields) for table in tables)]
-
-
-def _moves(table: EventTable, fields: tuple[str, ...]) -> bool:
-    values = stacked(table, fields)
-    return values is not None and bool(np.any(values != values[:1]))
+    logged = {name: [stacked(table, fields) for table in tables] for name, fields in _CONTROLLERS.items()}
+    return [
+        name
+        for name, found in logged.items()
+        if any(values is not None and np.any(values != values[:1]) for values in found)
+    ]

@@ -24,6 +24,7 @@ from quadid_logs.data.log import GyroFilter
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
 EventPart = Part[EventTable]
+_Build = Callable[[EventPart, Source[Any]], FloatArray | None]
 
 #: GYRO_LPF_CUTOFF_FREQ of the sensors' drivers: a low-pass of second order at 1 kHz.
 GYRO_FILTER: Final = GyroFilter(low_pass_hz=80.0)
@@ -45,7 +46,7 @@ _UNMIXED: Final = np.array(
 )  # fmt: skip
 
 
-def _signed(sign: FloatArray) -> Callable[[EventPart, Source[Any]], FloatArray | None]:
+def _signed(sign: FloatArray) -> _Build:
     """Return a builder that turns axes."""
 
     def build(part: EventPart, source: Source[Any]) -> FloatArray | None:
@@ -58,21 +59,17 @@ def _signed(sign: FloatArray) -> Callable[[EventPart, Source[Any]], FloatArray |
 _flu, _yaw_left = _signed(_FORWARD_LEFT_UP), _signed(_YAW_LEFT)
 
 
-def _flown(values: FloatArray | None) -> FloatArray | None:
-    """Return what a controller commanded; None of one that never ran, whose variables do not move."""
-    return None if values is None or not np.any(values != values[:1]) else values
+def _flown(build: _Build) -> _Build:
+    """Return a builder of what a controller commanded, of which None never ran: its variables do not move."""
+
+    def moving(part: EventPart, source: Source[Any]) -> FloatArray | None:
+        values = build(part, source)
+        return None if values is None or not np.any(values != values[:1]) else values
+
+    return moving
 
 
-def _command(part: EventPart, source: Source[Any]) -> FloatArray | None:
-    return _flown(plain(part, source))
-
-
-def _command_flu(part: EventPart, source: Source[Any]) -> FloatArray | None:
-    return _flown(_flu(part, source))
-
-
-def _command_yaw_left(part: EventPart, source: Source[Any]) -> FloatArray | None:
-    return _flown(_yaw_left(part, source))
+_command, _command_flu, _command_yaw_left = _flown(plain), _flown(_flu), _flown(_yaw_left)
 
 
 def _unmixed(part: EventPart, source: Source[Any]) -> FloatArray | None:
@@ -138,7 +135,7 @@ def _compressed(part: EventPart, source: Source[Any]) -> FloatArray | None:
     return _frd(quaternion[:, [3, 0, 1, 2]])
 
 
-def _bit(number: int) -> Callable[[EventPart, Source[Any]], FloatArray | None]:
+def _bit(number: int) -> _Build:
     """Return a builder that takes one bit."""
 
     def build(part: EventPart, source: Source[Any]) -> FloatArray | None:
@@ -150,7 +147,7 @@ def _bit(number: int) -> Callable[[EventPart, Source[Any]], FloatArray | None]:
     return build
 
 
-def _is_not(build: Callable[[EventPart, Source[Any]], FloatArray | None]) -> Any:
+def _is_not(build: _Build) -> _Build:
     """Return a builder of the opposite."""
 
     def opposite(part: EventPart, source: Source[Any]) -> FloatArray | None:

@@ -150,13 +150,8 @@ class Advice:
         """
         if log_format == TABLE_FORMAT:
             return "Export the table with at least 100 rows per second."
-        return self._onboard(log_format) + self._logging(log_format, parameters, version)
-
-    def _onboard(self, log_format: str) -> str:
-        """Say of a telemetry log that the vehicle's own is to be used."""
-        if log_format != "tlog":
-            return ""
-        return "A telemetry log is too slow for this: use the log on the vehicle's card. "
+        slow = "A telemetry log is too slow for this: use the log on the vehicle's card. "
+        return (slow if log_format == "tlog" else "") + self._logging(log_format, parameters, version)
 
     def _logging(
         self,

@@ -148,7 +148,9 @@ def _signals(cells: table.Cells) -> tuple[dict[str, tuple[Signal, ...]], list[st
     columns = cells.columns
     rows = Rows(columns[_TIME], np.arange(len(columns[_TIME]), dtype=np.int64))
     for name, spec in SIGNALS.items():
-        wanted = list(spec.columns) or _numbered(name, columns)
+        # Without columns of its own ``name_1``, ``name_2``, ... as far as the table has them.
+        numbers = (int(each[len(name) + 1 :]) for each in columns if re.match(f"^{name}_\\d+$", each))
+        wanted = list(spec.columns) or [f"{name}_{number}" for number in sorted(numbers)]
         missing = [column for column in wanted if column not in columns]
         if missing and len(missing) < len(wanted):
             remarks.append(f"{name} is left out: there is no column {', '.join(missing)}.")
@@ -162,12 +164,6 @@ def _signals(cells: table.Cells) -> tuple[dict[str, tuple[Signal, ...]], list[st
             )
             signals[name] = (signal,)
     return signals, remarks
-
-
-def _numbered(name: str, columns: Mapping[str, FloatArray]) -> list[str]:
-    """Return ``name_1``, ``name_2``, ... as far as the table has them, in the order of their numbers."""
-    numbers = [int(column[len(name) + 1 :]) for column in columns if re.match(f"^{name}_\\d+$", column)]
-    return [f"{name}_{number}" for number in sorted(numbers)]
 
 
 def _remarks(cells: table.Cells, system: int) -> list[str]:

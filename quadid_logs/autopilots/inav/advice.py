@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
-from quadid_logs.autopilots.generic.advice import Advice, Setting, Version, digits
+from quadid_logs.autopilots.betaflight.advice import command_line
+from quadid_logs.autopilots.generic.advice import Advice, Setting, Version
 
 
 class InavAdvice(Advice):
@@ -34,8 +35,7 @@ class InavAdvice(Advice):
         parameters: Mapping[str, float] = MappingProxyType({}),  # noqa: ARG002
     ) -> str:
         """Return lines for the command line."""
-        lines = (f"set {name} = {digits(value)}" for name, value in settings)
-        return "\n".join((f"# {comment}", *lines, "save")) + "\n"
+        return command_line(comment, settings)
 
 
 ADVICE: Final = InavAdvice()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -104,7 +104,13 @@ def controllers(
     version_read, note = read_version(log.version, VERSIONS_READ)
     measured_s = logged_loop_period_s(log) if period_s is None else None
     period_s = period_s or measured_s or parameter_period_s(parameters)
-    remarks = [*_common_remarks(parameters, log.followed)]
+    remarks = []
+    if follows_unknown(parameters, log.followed):
+        values = {"IMU_GYRO_DNF_EN": parameters["IMU_GYRO_DNF_EN"]}
+        remarks.append(ControllerRemark(kind=RemarkKind.NOTCH_UNKNOWN, values=values))
+    if (scaled := parameters.get("MC_BAT_SCALE_EN", 0.0)) > 0.0:
+        values = {"MC_BAT_SCALE_EN": scaled}
+        remarks.append(ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, values=values))
     if measured_s is None:
         values = {"IMU_GYRO_RATEMAX": 1.0 / period_s}
         remarks.append(ControllerRemark(kind=RemarkKind.PERIOD_ASSUMED, values=values))
@@ -123,7 +129,7 @@ def controllers(
             values = dict.fromkeys(missing, math.nan)
             remarks.append(ControllerRemark(kind=RemarkKind.MISSING_PARAMETER, axis=axis, values=values))
         else:
-            found[axis] = _axis(parameters, name, (period_s, gyro_s), log.followed)
+            found[axis] = _axis(parameters, name, period_s, gyro_s, log.followed)
     return FlownControllers(
         name="mc_rate_control",
         firmware=log.firmware,
@@ -161,75 +167,46 @@ def rate_parameters(parameters: Mapping[str, float], name: str) -> dict[str, flo
 def _axis(
     parameters: Mapping[str, float],
     name: str,
-    periods_s: tuple[float, float],
+    period_s: float,
+    gyro_s: float,
     followed: Mapping[str, FloatArray],
 ) -> AxisController:
-    """Return one axis; the periods are those of loop and gyro."""
-    period_s, gyro_s = periods_s
+    """Return one axis; the periods are those of loop and gyro [s]."""
     pid = rate_parameters(parameters, name)
     error = gain(pid["P"], period_s) + integrator(period_s, late=True).scaled(pid["I"])
-    slope = derivative(gyro_s) * derivative_filter(parameters, gyro_s)
+    of_slope = derivative_filter(parameters, gyro_s)
     torque_hz = parameters.get("MC_YAW_TQ_CUTOFF", 0.0) if name == "YAW" else 0.0
+    command = first_order(torque_hz, period_s) if torque_hz > 0.0 else None
+    filters = [notches_named("IMU_GYRO_DNF", one, gyro_s) for one in rotor_notches(parameters, followed)]
+    filters += [notches_named(each, ((one,),), gyro_s) for each, one in notches_by_name(parameters).items()]
+    low_pass_hz = parameter_filter(parameters).low_pass_hz
+    if low_pass_hz > 0.0:
+        low_pass = butterworth(low_pass_hz, gyro_s)
+        filters.append(NamedFilter(name="IMU_GYRO_CUTOFF", place=FilterPlace.GYRO, filter=low_pass))
+    if pid["D"] and cutoff_hz(parameters) > 0.0:
+        bare = derivative(gyro_s).scaled(pid["K"] * pid["D"])
+        filters.append(
+            NamedFilter(name="IMU_DGYRO_CUTOFF", place=FilterPlace.PART, filter=of_slope, part=bare)
+        )
+    if command is not None:
+        filters.append(NamedFilter(name="MC_YAW_TQ_CUTOFF", place=FilterPlace.COMMAND, filter=command))
     angle = finite(parameters.get(f"MC_{name}_P"))
     names = {f"MC_{name}RATE_{short}": value for short, value in pid.items()}
     return AxisController(
         period_s=period_s,
         error=error.scaled(pid["K"]),
         target=unit(period_s),
-        rate=slope.scaled(pid["K"] * pid["D"]) if pid["D"] else None,
+        rate=(derivative(gyro_s) * of_slope).scaled(pid["K"] * pid["D"]) if pid["D"] else None,
         feed_forward=gain(pid["FF"], period_s) if pid["FF"] else None,
         gyro=gyro_filters(parameter_filter(parameters, followed), gyro_s),
-        command=first_order(torque_hz, period_s) if torque_hz > 0.0 else None,
-        filters=(
-            *(notches_named("IMU_GYRO_DNF", one, gyro_s) for one in rotor_notches(parameters, followed)),
-            *_named_filters(parameters, pid, torque_hz, periods_s),
-        ),
+        command=command,
+        filters=tuple(filters),
         angle_gain_per_s=angle,
         gains=names | ({} if angle is None else {f"MC_{name}_P": angle}),
     )
-
-
-def _named_filters(
-    parameters: Mapping[str, float],
-    pid: Mapping[str, float],
-    torque_hz: float,
-    periods_s: tuple[float, float],
-) -> Iterator[NamedFilter]:
-    """Yield the filters that the measured rate passes, by their parameters; periods of loop and gyro."""
-    period_s, gyro_s = periods_s
-    for name, one in notches_by_name(parameters).items():
-        yield notches_named(name, ((one,),), gyro_s)
-    low_pass_hz = parameter_filter(parameters).low_pass_hz
-    if low_pass_hz > 0.0:
-        yield NamedFilter(
-            name="IMU_GYRO_CUTOFF", place=FilterPlace.GYRO, filter=butterworth(low_pass_hz, gyro_s)
-        )
-    if pid["D"] and cutoff_hz(parameters) > 0.0:
-        yield NamedFilter(
-            name="IMU_DGYRO_CUTOFF",
-            place=FilterPlace.PART,
-            filter=derivative_filter(parameters, gyro_s),
-            part=derivative(gyro_s).scaled(pid["K"] * pid["D"]),
-        )
-    if torque_hz > 0.0:
-        yield NamedFilter(
-            name="MC_YAW_TQ_CUTOFF", place=FilterPlace.COMMAND, filter=first_order(torque_hz, period_s)
-        )
 
 
 def parameter_period_s(parameters: Mapping[str, float]) -> float:
     """Return the shortest period that the loop may have, by IMU_GYRO_RATEMAX [s]."""
     rate_hz = parameters.get("IMU_GYRO_RATEMAX", _DEFAULT_LOOP_HZ)
     return 1.0 / (rate_hz if 0.0 < rate_hz < math.inf else _DEFAULT_LOOP_HZ)
-
-
-def _common_remarks(
-    parameters: Mapping[str, float], followed: Mapping[str, FloatArray]
-) -> Iterator[ControllerRemark]:
-    """Yield what concerns all axes."""
-    if follows_unknown(parameters, followed):
-        values = {"IMU_GYRO_DNF_EN": parameters["IMU_GYRO_DNF_EN"]}
-        yield ControllerRemark(kind=RemarkKind.NOTCH_UNKNOWN, values=values)
-    scaled = parameters.get("MC_BAT_SCALE_EN", 0.0)
-    if scaled > 0.0:
-        yield ControllerRemark(kind=RemarkKind.VARIABLE_GAIN, values={"MC_BAT_SCALE_EN": scaled})

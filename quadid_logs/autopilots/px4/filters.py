@@ -8,8 +8,7 @@ from types import MappingProxyType
 from typing import Final
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.autopilots.discrete import butterworth, first_order
-from quadid_logs.autopilots.filters import gyro_filter
+from quadid_logs.autopilots.discrete import butterworth, first_order, gyro_filter
 from quadid_logs.data.controller import DiscreteFilter
 from quadid_logs.data.log import GyroFilter, Notch, Places, whole_number
 

@@ -12,6 +12,7 @@ from typing import Final
 
 from quadid_logs.autopilots.px4.controller import AXIS_NAMES
 from quadid_logs.data.autotune import PolePlacement
+from quadid_logs.data.log import whole_number
 from quadid_logs.data.tuning import GainNames, Tunable
 
 _FILTERS: Final = ("IMU_DGYRO_CUTOFF", "IMU_GYRO_CUTOFF")
@@ -36,10 +37,13 @@ def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = N
 
     P, I and D together are scaled by MC_ROLLRATE_K and its likes where the firmware has them.
     """
-    axes = {axis: _names(name, parameters, version) for axis, (name, _) in AXIS_NAMES.items()}
+    if parameters.get("CA_AIRFRAME", 0.0) not in _MULTIROTORS:
+        obstacle = "no multirotor (CA_AIRFRAME)"
+    else:
+        obstacle = _NOT_TUNED.get(whole_number(parameters.get("MAV_TYPE"), 2), "")
     return Tunable(
-        axes=axes,
-        obstacle=_obstacle(parameters),
+        axes={axis: _names(name, parameters, version) for axis, (name, _) in AXIS_NAMES.items()},
+        obstacle=obstacle,
         procedures={axis: (_autotune(parameters, name),) for axis, (name, _) in AXIS_NAMES.items()},
     )
 
@@ -75,14 +79,6 @@ def _names(name: str, parameters: Mapping[str, float], version: tuple[int, ...] 
         angle=f"MC_{name}_P",
         ranges=gain_ranges(name, version),
     )
-
-
-def _obstacle(parameters: Mapping[str, float]) -> str:
-    """Name what is no multirotor."""
-    if parameters.get("CA_AIRFRAME", 0.0) not in _MULTIROTORS:
-        return "no multirotor (CA_AIRFRAME)"
-    kind = parameters.get("MAV_TYPE", 2.0)
-    return next((words for number, words in _NOT_TUNED.items() if kind == number), "")
 
 
 def gain_ranges(name: str, version: tuple[int, ...] | None) -> dict[str, tuple[float, float]]:

@@ -57,8 +57,10 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
             hint="The file was cut off or its definitions are damaged; copy it from the SD card again.",
         )
     if not content.topics:
+        largest = sorted(content.counts, key=lambda one: -one.count)
+        names = [*dict.fromkeys(one.name for one in largest)][:_NAMED]
         raise EmptyLogError(
-            f"{path} holds no topic that PX4 writes of a flight, only {listed(_largest(content))}.",
+            f"{path} holds no topic that PX4 writes of a flight, only {listed(names)}.",
             hint="Another program wrote it, or these are not the topics of a flight: take another log, or "
             "export a table.",
         )
@@ -97,12 +99,6 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         utc_offset_s=_utc_offset_s(content),
         remarks=_remarks(content, system),
     )
-
-
-def _largest(content: UlogContent) -> list[str]:
-    """Return the names of the topics with the most messages."""
-    counts = sorted(content.counts, key=lambda one: -one.count)
-    return [*dict.fromkeys(one.name for one in counts)][:_NAMED]
 
 
 def _signals(content: UlogContent) -> tuple[dict[str, tuple[Signal, ...]], dict[str, FloatArray]]:

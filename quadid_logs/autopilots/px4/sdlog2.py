@@ -6,7 +6,6 @@ in FRD and NED, in radians and SI units, so no sign or scale changes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -66,6 +65,7 @@ _LABELS: Final = frozenset({"StartTime", "Name", "Value", "FwGit", "Arch", "Main
 )
 
 
+@damaged_numbers_pass()
 def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (one vehicle per file)
     """Read a legacy PX4 log.
 
@@ -81,21 +81,20 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (on
     """
     with DataFlashFile.open(path) as file:
         check_not_empty(file)
-        return _flight_log(file)
-
-
-@damaged_numbers_pass()
-def _flight_log(file: DataFlashFile) -> FlightLog:
-    """Turn the messages into canonical signals and descriptions."""
-    tables = file.read_messages(messages_of(SOURCES) | {"TIME", "PARM", "VER"}, _LABELS)
+        tables = file.read_messages(messages_of(SOURCES) | {"TIME", "PARM", "VER"}, _LABELS)
+        ends = file.first_and_last()
     clock = TimeRecords(tables.get("TIME"))
     parameters = tables["PARM"].named_values("Name", "Value") if "PARM" in tables else {}
     mav_type = whole_number(parameters.get("MAV_TYPE"))
     commit = _text(tables.get("VER"), "FwGit")
     parts = {name: [Part(name=name, table=table, rows=clock.rows(table))] for name, table in tables.items()}
-    times: Mapping[str, FloatArray] = {
-        name: clock.times(table) for name, table in file.first_and_last().items()
-    }
+    times = {name: clock.times(table) for name, table in ends.items()}
+    status = tables.get("STAT")
+    modes: tuple[ModeChange, ...] = ()
+    if status is not None and status.has_numbers("MainState"):
+        modes = mode_changes(
+            status.integers("MainState"), clock.times(status), status.position, _MAIN_STATES.get
+        )
     return FlightLog(
         path=file.path,
         format="dataflash",
@@ -108,7 +107,7 @@ def _flight_log(file: DataFlashFile) -> FlightLog:
         frame=airframe_words(whole_number(parameters.get("SYS_AUTOSTART"))) or frame_words(mav_type),
         hardware_id=_text(tables.get("VER"), "Arch"),
         parameters=parameters,
-        modes=_modes(tables.get("STAT"), clock),
+        modes=modes,
         lost=file.lost,
         counts=tuple(
             MessageCount(name=name, count=count, rate_hz=mean_rate_hz(count, times.get(name)))
@@ -122,10 +121,3 @@ def _flight_log(file: DataFlashFile) -> FlightLog:
 def _text(table: MessageTable | None, label: str) -> str:
     """Return a text of the first row of a message."""
     return str(table.columns[label][0]) if table is not None and table.has(label) else ""
-
-
-def _modes(table: MessageTable | None, clock: TimeRecords) -> tuple[ModeChange, ...]:
-    """Return the main states where they change."""
-    if table is None or not table.has_numbers("MainState"):
-        return ()
-    return mode_changes(table.integers("MainState"), clock.times(table), table.position, _MAIN_STATES.get)

@@ -6,7 +6,7 @@ FRD and NED like we do; only thrust points the other way.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -76,13 +76,13 @@ def _injected_rate(part: _Part, source: _Row) -> FloatArray | None:
 _XYZ: Final = ("xyz",)
 _QUATERNION: Final = ("q[0]", "q[1]", "q[2]", "q[3]")
 INTEGRATORS: Final = "rate_ctrl_status"
-#: Topic, term and fields of roll, pitch and yaw.
+#: By topic and term the field of each axis; the last is the rate about the vertical that the attitude's
+#: set-point asks for.
 _TERMS: Final = (
-    ("vehicle_angular_velocity", "derivative", tuple(f"xyz_derivative[{number}]" for number in range(3))),
-    (INTEGRATORS, "I", ("rollspeed_integ", "pitchspeed_integ", "yawspeed_integ")),
+    ("vehicle_angular_velocity", "derivative", {axis: f"xyz_derivative[{n}]" for n, axis in enumerate(AXES)}),
+    (INTEGRATORS, "I", {axis: f"{axis}speed_integ" for axis in AXES}),
+    ("vehicle_attitude_setpoint", "rate_forward", {"yaw": "yaw_sp_move_rate"}),
 )
-#: Topic and field of the rate about the vertical that goes to the rate set-point.
-_YAW_RATE: Final = ("vehicle_attitude_setpoint", "yaw_sp_move_rate")
 _TORQUE: Final = ("control[0]", "control[1]", "control[2]")
 
 SOURCES: Final[tuple[Source[_Part], ...]] = (
@@ -162,7 +162,7 @@ def signals(topics: Mapping[TopicKey, TopicTable], known: GyroFilter) -> dict[st
 
 
 def controller_terms(topics: Mapping[TopicKey, TopicTable]) -> tuple[ControllerTerms, ...]:
-    """Return the angular acceleration that D acts on, and the integrators, of each axis."""
+    """Return the angular acceleration that D acts on, the integrators, and what is fed forward to yaw."""
     found = []
     for topic, term, fields in _TERMS:
         table = topics.get((topic, 0))
@@ -170,22 +170,11 @@ def controller_terms(topics: Mapping[TopicKey, TopicTable]) -> tuple[ControllerT
         if table is None or time_s is None:
             continue
         rows = Rows(time_s, table.position)
-        for axis, field in zip(AXES, fields, strict=True):
+        for axis, field in fields.items():
             values = stacked(table, (field,))
             if values is not None and values.shape[1] == 1:
                 found.append(ControllerTerms(axis=axis, rows=rows, values={term: values[:, 0]}))
-    return (*found, *_yaw_rate(topics))
-
-
-def _yaw_rate(topics: Mapping[TopicKey, TopicTable]) -> Iterator[ControllerTerms]:
-    """Yield the rate about the vertical that the attitude's set-point asks for."""
-    topic, field = _YAW_RATE
-    table = topics.get((topic, 0))
-    time_s = None if table is None else sample_time_s(table)
-    values = None if table is None else stacked(table, (field,))
-    if table is not None and time_s is not None and values is not None and values.shape[1] == 1:
-        rows = Rows(time_s, table.position)
-        yield ControllerTerms(axis="yaw", rows=rows, values={"rate_forward": values[:, 0]})
+    return tuple(found)
 
 
 def sample_time_s(table: TopicTable) -> FloatArray | None:

@@ -42,6 +42,10 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     """
     found = (_from_motors(log, airframe), _from_setpoint(log, airframe), _from_outputs(log, airframe))
     factor = _thrust_model(log)
+    ranges = (
+        _pulse_ranges(log.log.parameters, airframe, series.n_columns) for series in log.sources("output_pwm")
+    )
+    known = next((each for each in ranges if each is not None), None)
     return Rebuilt(
         series=tuple(
             replace(series, by_expo=relative_by_expo(series.actuator, factor))
@@ -49,7 +53,7 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
             if series is not None
         ),
         expo=AssumedExpo(value=factor, parameter="THR_MDL_FAC"),
-        output_range_us=_output_range_us(log, airframe),
+        output_range_us=None if known is None else known[1:],
     )
 
 
@@ -194,15 +198,6 @@ def _pulse_ranges(
         if max(channels) <= n_channels and all(high > low > 0.0 for low, high in limits):
             low, high = np.array(limits).T
             return [channel - 1 for channel in channels], low, high
-    return None
-
-
-def _output_range_us(log: CleanLog, airframe: Airframe) -> tuple[FloatArray, FloatArray] | None:
-    """Return lowest and highest pulse width of each motor, None where they are not on their own channels."""
-    for series in log.sources("output_pwm"):
-        ranges = _pulse_ranges(log.log.parameters, airframe, series.values.shape[1])
-        if ranges is not None:
-            return ranges[1], ranges[2]
     return None
 
 
