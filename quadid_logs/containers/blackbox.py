@@ -24,6 +24,8 @@ from quadid_logs.errors import EmptyLogError, SettingsError, SeveralLogsError, U
 _LONGEST_PAUSE_US: Final = 10_000_000
 #: All fields of so many frames are decoded at once, before those that nobody wants are let go.
 _CHUNK_FRAMES: Final = 1 << 15
+#: 16 bits hold values from minus this up to it, without it.
+_HALF: Final = 1 << 15
 
 Column: TypeAlias = NDArray[np.int16] | NDArray[np.int32]
 Wanted: TypeAlias = Callable[[tuple[str, ...]], Collection[str]]
@@ -217,7 +219,12 @@ def _main_table(
         stop = int(position[rows.stop]) if rows.stop < len(position) else header.stop
         values, good[rows] = _decoded(file, header, position[rows], is_complete[rows], stop)
         for number, field in enumerate(kept):
-            columns[number] = _filled(columns[number], rows, values[:, field])
+            found = values[:, field]
+            fits = not found.size or bool(found.min() >= -_HALF and found.max() < _HALF)
+            # 32 bits from the first value on that needs them.
+            if not fits and columns[number].dtype == np.int16:
+                columns[number] = columns[number].astype(np.int32)
+            columns[number][rows] = found
     ends = np.append(position[1:], position[-1:] + 1)
     lost += [
         LostBytes(offset=at, n_bytes=end - at, reason="frames that jump in time")
@@ -261,19 +268,6 @@ def _decoded(
     return values, good
 
 
-def _filled(column: Column, rows: slice, values: NDArray[np.int32]) -> Column:
-    """Write rows of a column, in 32 bits from the first value on that needs them; return the column."""
-    if column.dtype == np.int16 and not _fits(values):
-        column = column.astype(np.int32)
-    column[rows] = values
-    return column
-
-
-def _fits(values: NDArray[np.int32]) -> bool:
-    """Say whether 16 bits hold all values."""
-    return not values.size or bool(values.min() >= -(1 << 15) and values.max() < 1 << 15)
-
-
 def _fill(
     file: FileParts,
     header: Header,
@@ -306,20 +300,16 @@ def _other_tables(file: FileParts, header: Header, frames: Frames, main: FrameTa
         whole = (header.body, header.stop)
         _fill(file, header, [(letter, np.arange(len(position)))], position, values, valid, whole)
         if letter == "G":
-            add_places(values.T, layout, _home(tables.get("H"), position), _last(main, 1, position))
+            home = np.zeros((2, len(position)), np.int32)
+            if "H" in tables and len(tables["H"].names) > 1:
+                home = np.stack([_last(tables["H"], number, position) for number in range(2)])
+            add_places(values.T, layout, home, _last(main, 1, position))
         tables[letter] = FrameTable(
             columns=dict(zip(layout.names, values[valid].T, strict=True)),
             signed=dict(zip(layout.names, layout.signed, strict=True)),
             position=position[valid],
         )
     return tables
-
-
-def _home(home: FrameTable | None, position: IntArray) -> NDArray[np.int32]:
-    """Return the last home position before places in the file; 0 before the first."""
-    if home is None or len(home.names) < 2:
-        return np.zeros((2, len(position)), np.int32)
-    return np.stack([_last(home, number, position) for number in range(2)])
 
 
 def _last(table: FrameTable, column: int, position: IntArray) -> NDArray[np.int32]:

@@ -207,7 +207,10 @@ class _BlockWalk:
             now = after
         reached = place[now] if now < len(place) else self.n_bytes
         walk.at = self.start + (reached if walk.fault_at < 0 else max(reached, self.stop))
-        self._keep(taken)
+        taken_at = np.array(place, dtype=np.int64)[np.array(taken, dtype=np.int64)]
+        kinds = self.content[taken_at]
+        for kind in map(ord, walk.header.layouts):
+            walk.starts.setdefault(kind, []).append(taken_at[kinds == kind] + self.start)
 
     def _after(self, now: int) -> int:
         """Return the number of the letter behind a frame that is not one of differences; -1 for none."""
@@ -264,14 +267,6 @@ class _BlockWalk:
         if keep:
             self.walk.events.append(event)
         return after
-
-    def _keep(self, taken: list[int]) -> None:
-        """Add the frames that were walked through."""
-        number = np.array(taken, dtype=np.int64)
-        place = np.array(self.found.place, dtype=np.int64)[number]
-        letter = self.content[place]
-        for kind in map(ord, self.walk.header.layouts):
-            self.walk.starts.setdefault(kind, []).append(place[letter == kind] + self.start)
 
 
 def _parse_event(content: bytes, position: int) -> tuple[int, Event]:

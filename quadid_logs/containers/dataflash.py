@@ -146,7 +146,13 @@ class DataFlashFile:
                 rows = np.unique([first[type_id], last[type_id]])
                 for group in by_version(versions, self._index.position[rows]):
                     ends.setdefault(group[0].name, []).append(group)
-        return self._decode([group for groups in ends.values() for group in _outermost(groups)])
+        outermost = []
+        for groups in ends.values():
+            # Of the ends of all ids with one name those that hold the first and the last row.
+            first_group = min(groups, key=lambda group: int(group[1][0]))
+            last_group = max(groups, key=lambda group: int(group[1][-1]))
+            outermost += [first_group] if first_group is last_group else [first_group, last_group]
+        return self._decode(outermost)
 
     def _decode(
         self, groups: list[tuple[MessageDefinition, AnyArray]], labels: Collection[str] | None = None
@@ -238,15 +244,6 @@ def check_not_empty(file: DataFlashFile) -> None:
 _POSITION: Final = "\0position"
 
 
-def _outermost(
-    groups: list[tuple[MessageDefinition, AnyArray]],
-) -> list[tuple[MessageDefinition, AnyArray]]:
-    """Keep of the ends of all ids with one name those that hold the first and the last row."""
-    first = min(groups, key=lambda group: int(group[1][0]))
-    last = max(groups, key=lambda group: int(group[1][-1]))
-    return [first] if first is last else [first, last]
-
-
 def _first_and_last(type_ids: ByteArray) -> tuple[IntArray, IntArray]:
     """Return the first and the last row of each id, -1 for ids that do not occur."""
     first, last = np.full(256, -1, np.int64), np.full(256, -1, np.int64)
@@ -266,7 +263,10 @@ def _gather(
     labels: Collection[str] | None,
 ) -> list[tuple[MessageDefinition, dict[str, AnyArray]]]:
     """Copy the rows of each group into columns, part of the file by part of the file."""
-    fields = [_wanted_fields(definition, labels) for definition, _ in groups]
+    fields = [
+        {label: field for label, field in definition.fields().items() if labels is None or label in labels}
+        for definition, _ in groups
+    ]
     columns = [_empty_columns(of, len(positions)) for of, (_, positions) in zip(fields, groups, strict=True)]
     groups_of = _groups_of_blocks(groups, content.n_bytes)
     for start, part in content.blocks(_GATHER_BYTES, _LONGEST_MESSAGE):
@@ -296,16 +296,6 @@ def _groups_of_blocks(groups: list[tuple[MessageDefinition, AnyArray]], n_bytes:
         for block in range(int(positions[0]) // _GATHER_BYTES, int(positions[-1]) // _GATHER_BYTES + 1):
             groups_of[block].append(number)
     return groups_of
-
-
-def _wanted_fields(
-    definition: MessageDefinition, labels: Collection[str] | None
-) -> dict[str, tuple[FormatCharacter, int]]:
-    """Return the fields of a definition that have one of the labels."""
-    fields = definition.fields()
-    if labels is None:
-        return fields
-    return {label: field for label, field in fields.items() if label in labels}
 
 
 def _empty_columns(fields: dict[str, tuple[FormatCharacter, int]], n_rows: int) -> dict[str, AnyArray]:
@@ -357,7 +347,9 @@ def _finish(values: AnyArray, kind: FormatCharacter) -> AnyArray:
 def _read_units(file: DataFlashFile, index: MessageIndex) -> dict[int, dict[str, Unit]]:
     """Combine FMTU (which unit has which field), UNIT (names) and MULT (factors)."""
     tables = file.read_messages({"FMTU", "UNIT", "MULT"}, _UNIT_LABELS)
-    if not {"FMTU", "UNIT"} <= set(tables) or not _describes_units(tables["FMTU"]):
+    if not {"FMTU", "UNIT"} <= set(tables):
+        return {}
+    if not (tables["FMTU"].has_numbers("FmtType") and tables["FMTU"].has_text("UnitIds", "MultIds")):
         return {}
     labels = _lookup(tables.get("UNIT"), "Label")
     factors = _lookup(tables.get("MULT"), "Mult")
@@ -370,11 +362,6 @@ def _read_units(file: DataFlashFile, index: MessageIndex) -> dict[int, dict[str,
         for type_id, (unit_ids, factor_ids) in ids_of.items()
         if type_id in index.definitions
     }
-
-
-def _describes_units(table: MessageTable) -> bool:
-    """Say whether FMTU has the columns that it should have."""
-    return table.has_numbers("FmtType") and table.has_text("UnitIds", "MultIds")
 
 
 def _lookup(table: MessageTable | None, column: str) -> dict[str, object]:

@@ -234,16 +234,12 @@ def _with_credible_length(
     from_format = definition.payload_length + 3
     if from_format > 255:
         return definition
+    nowhere = np.full(len(starts), -1, np.int64)
     votes = [
-        int(np.count_nonzero(_leads_on(content, headers, starts + length)))
+        int(np.count_nonzero(_find_successors(content, headers, nowhere, starts + length) >= 0))
         for length in (definition.length, from_format)
     ]
     return replace(definition, length=from_format if votes[1] > votes[0] else definition.length)
-
-
-def _leads_on(content: FileParts, headers: Headers, ends: IntArray) -> BoolArray:
-    """Say which messages that end there are followed by a header, or by the file's end."""
-    return _find_successors(content, headers, np.full(len(ends), -1, np.int64), ends) >= 0
 
 
 def definition_at(definitions: list[MessageDefinition], positions: AnyArray) -> IntArray:
@@ -454,23 +450,18 @@ def _describe_gaps(
     start = headers.position[first].astype(np.int64)
     ends = np.append(headers.position, headers.position.dtype.type(content.n_bytes))[resumed].astype(np.int64)
     length = _message_lengths(Headers(headers.position[first], type_ids), slice(None), lengths)
-    return [
-        LostBytes(
-            offset=offset,
-            n_bytes=end - offset,
-            reason=_reason(type_id, size, offset + size > content.n_bytes),
-        )
-        for offset, end, type_id, size in zip(
-            start.tolist(), ends.tolist(), type_ids.tolist(), length.tolist(), strict=True
-        )
-    ]
-
-
-def _reason(type_id: int, length: int, beyond_end: bool) -> str:
-    """Say why a header could not be followed."""
-    if length == 0:
-        return f"message id {type_id} has no definition"
-    return "cut off by the end of the file" if beyond_end else "no message follows where the length says"
+    found = []
+    for offset, end, type_id, size in zip(
+        start.tolist(), ends.tolist(), type_ids.tolist(), length.tolist(), strict=True
+    ):
+        if size == 0:
+            reason = f"message id {type_id} has no definition"
+        elif offset + size > content.n_bytes:
+            reason = "cut off by the end of the file"
+        else:
+            reason = "no message follows where the length says"
+        found.append(LostBytes(offset=offset, n_bytes=end - offset, reason=reason))
+    return found
 
 
 def _cut_tail(content: FileParts, headers: Headers, keep: BoolArray, lengths: _Lengths) -> list[LostBytes]:

@@ -21,8 +21,8 @@ from quadid_logs.data.log import LostBytes
 from quadid_logs.errors import EmptyLogError, LogNotFoundError, UnknownFormatError
 
 #: Printed as they are; all other numbers are printed with a decimal point, already scaled.
-_INTEGERS: Final = frozenset("bBhHiIqQM")
-_TEXTS: Final = frozenset("nNZa")
+_INTEGERS: Final = frozenset("bBhHiIqQ")
+_TEXTS: Final = frozenset("nNZaM")
 #: Old firmware prints a handful of short lines (log number, version, memory, board) before the first FMT.
 _PREAMBLE_LINES: Final = 20
 _LONGEST_LINE: Final = 200
@@ -239,8 +239,6 @@ def _parser(kind: str) -> Callable[[bytes], Any]:
     """Return what turns a printed field of this format character into a value."""
     if kind in _TEXTS:
         return _decode
-    if kind == "M":
-        return _decode
     return _parse_integer if kind in _INTEGERS else float
 
 
@@ -263,14 +261,11 @@ def _parse_columns(rows: list[list[bytes]], parsers: list[Callable[[bytes], Any]
     columns: list[AnyArray] = []
     for number, parse in enumerate(parsers):
         values = [parse(row[number]) for row in rows]
-        dtype = np.float64 if parse is float else np.str_ if parse is _decode else _integer_type(values)
+        dtype: type = np.float64 if parse is float else np.str_
+        if parse is _parse_integer:
+            dtype = np.uint64 if values and max(values) >= 1 << 63 and min(values) >= 0 else np.int64
         columns.append(np.array(values, dtype=dtype))
     return columns
-
-
-def _integer_type(values: list[int]) -> type:
-    """Return int64, or uint64 where the values need it."""
-    return np.uint64 if values and max(values) >= 1 << 63 and min(values) >= 0 else np.int64
 
 
 def _row_is_readable(row: list[bytes], parsers: list[Callable[[bytes], Any]]) -> bool:

@@ -61,11 +61,13 @@ class MessageTable:
 
     def has_numbers(self, *labels: str) -> bool:
         """Say whether all these columns exist and hold one number per row."""
-        return all(_is_numeric(self.columns[label]) for label in labels) if self.has(*labels) else False
+        found = [self.columns.get(label) for label in labels]
+        return all(each is not None and each.ndim == 1 and each.dtype.kind in "iuf" for each in found)
 
     def has_text(self, *labels: str) -> bool:
         """Say whether all these columns exist and hold text."""
-        return all(self.columns[label].dtype.kind == "U" for label in labels) if self.has(*labels) else False
+        found = [self.columns.get(label) for label in labels]
+        return all(each is not None and each.dtype.kind == "U" for each in found)
 
     def integers(self, label: str) -> IntArray:
         """Return a column of numbers as int64, -1 where it holds no integer of 63 bits."""
@@ -135,11 +137,6 @@ class MessageSource(Protocol):
 
     def first_and_last(self) -> dict[str, MessageTable]:
         """Read the first and the last row of every type."""
-
-
-def _is_numeric(values: AnyArray) -> bool:
-    """Say whether a column holds one number per row."""
-    return values.ndim == 1 and values.dtype.kind in "iuf"
 
 
 #: Damaged numbers may be signalling NaN or near overflow: they pass on as NaN or infinity, silently.

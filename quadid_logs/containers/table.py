@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -125,7 +125,9 @@ def _read_csv(path: str | Path, choose: Choose) -> Cells:
     is_comma = header.delimiter == ";" and b"," in body[:_LONGEST_HEADER].split(b"\n")[0]
     parts: list[list[FloatArray]] = [[np.zeros(0)] for _ in places]
     n_not_numeric = n_broken = 0
-    for lines in _blocks(body):
+    # Some thousand lines after the other: the cells of all at once would fill the memory.
+    text = io.TextIOWrapper(io.BytesIO(body), encoding="utf-8", newline=None)
+    while lines := list(islice(text, _LINES_AT_ONCE)):
         rows = [row for line in lines if (row := _split(line, header.delimiter)) is not None]
         whole = [row for row in rows if len(row) == len(header.names)]
         n_broken += len(rows) - len(whole)
@@ -136,13 +138,6 @@ def _read_csv(path: str | Path, choose: Choose) -> Cells:
             n_not_numeric += count
     columns = {name: np.concatenate(part) for name, part in zip(wanted, parts, strict=True)}
     return Cells(columns, "CSV", tuple(header.names), n_not_numeric, n_broken)
-
-
-def _blocks(body: bytes) -> Iterator[list[str]]:
-    """Yield some thousand lines after the other: the cells of all at once would fill the memory."""
-    lines = io.TextIOWrapper(io.BytesIO(body), encoding="utf-8", newline=None)
-    while block := list(islice(lines, _LINES_AT_ONCE)):
-        yield block
 
 
 def _split(line: str, delimiter: str) -> list[str] | None:

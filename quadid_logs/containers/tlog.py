@@ -161,27 +161,22 @@ def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -
         If the file holds no system of that id.
     """
     with closing(FileParts.open(path)) as file:
-        return _content(file, names, system)
-
-
-def _content(file: FileParts, names: Collection[str], system: int) -> TlogContent:
-    """Find the packets, choose the system, and decode its messages and its clock."""
-    path, dialect = file.path, load_dialect()
-    framing = frame(file, dialect)
-    packets = framing.packets
-    if not len(packets.start):
-        raise EmptyLogError(
-            f"{path} holds no MAVLink packet with a right checksum.", hint="Copy the log again."
-        )
-    heartbeats = _decode(file, packets, dialect, {"HEARTBEAT"}).get("HEARTBEAT")
-    senders, chosen, n_senders = _senders(packets, heartbeats, system)
-    if chosen is None:
-        present = ", ".join(str(number) for number in np.unique(packets.system).tolist())
-        raise SettingsError(f"There is no system {system} in {path}.", hint=f"It holds {present}.")
-    is_own = (packets.system == chosen.system_id) & (packets.component == chosen.component_id)
-    own = packets if is_own.all() else packets.where(is_own)
-    messages = _decode(file, own, dialect, {*names, "HEARTBEAT"})
-    clock, on_host_clock = _boot_clock(file, own, dialect, messages)
+        dialect = load_dialect()
+        framing = frame(file, dialect)
+        packets = framing.packets
+        if not len(packets.start):
+            raise EmptyLogError(
+                f"{path} holds no MAVLink packet with a right checksum.", hint="Copy the log again."
+            )
+        heartbeats = _decode(file, packets, dialect, {"HEARTBEAT"}).get("HEARTBEAT")
+        senders, chosen, n_senders = _senders(packets, heartbeats, system)
+        if chosen is None:
+            present = ", ".join(str(number) for number in np.unique(packets.system).tolist())
+            raise SettingsError(f"There is no system {system} in {path}.", hint=f"It holds {present}.")
+        is_own = (packets.system == chosen.system_id) & (packets.component == chosen.component_id)
+        own = packets if is_own.all() else packets.where(is_own)
+        messages = _decode(file, own, dialect, {*names, "HEARTBEAT"})
+        clock, on_host_clock = _boot_clock(file, own, dialect, messages)
     return TlogContent(
         messages=messages,
         clock=clock,
@@ -226,21 +221,16 @@ def _decode(
         order = np.argsort(part.msg_id, kind="stable")  # radix sort
         ids, firsts = np.unique(part.msg_id[order], return_index=True)
         for msg_id, chosen in zip(ids.tolist(), np.split(order, firsts[1:]), strict=True):
-            done, filled[msg_id] = filled[msg_id], filled[msg_id] + len(chosen)
-            _fill(tables[msg_id], slice(done, filled[msg_id]), block, begin, part.where(chosen))
+            table, some = tables[msg_id], part.where(chosen)
+            place = slice(filled[msg_id], filled[msg_id] + len(chosen))
+            filled[msg_id] = place.stop
+            # What we do not know of a payload is left out.
+            body = table.rows.view((np.uint8, table.rows.dtype.itemsize))
+            _copy_payloads(block, some.payload - begin, some.length, body[place])
+            table.position[place] = some.start
+            table.system_id[place] = some.system
+            table.component_id[place] = some.component
     return {table.name: table for table in tables.values()}
-
-
-def _fill(table: MessageRows, place: slice, block: Bytes, begin: int, packets: Packets) -> None:
-    """Put packets of the block that begins there into some rows of their table.
-
-    What we do not know of a payload is left out.
-    """
-    body = table.rows.view((np.uint8, table.rows.dtype.itemsize))
-    _copy_payloads(block, packets.payload - begin, packets.length, body[place])
-    table.position[place] = packets.start
-    table.system_id[place] = packets.system
-    table.component_id[place] = packets.component
 
 
 def _copy_payloads(block: Bytes, payload: IntArray, length: AnyArray, body: Bytes) -> None:
@@ -273,16 +263,15 @@ def _boot_clock(
 
 def _clock_of(messages: Mapping[str, MessageRows], name: str) -> BootClock:
     """Return the clock that a time field of these messages shows, without rows where it is not filled in."""
-    timed = [message for message in messages.values() if name in (message.rows.dtype.names or ())]
-    clock = merge_clocks([BootClock(message.position, _own_time_s(message, name)) for message in timed])
+    clocks = []
+    for message in messages.values():
+        stamp = message.column(name)
+        if stamp is not None:
+            own_s = boot_ms_s(stamp) if name == BOOT_MS else np.where(stamp > 0, stamp / 1e6, np.nan)
+            clocks.append(BootClock(message.position, own_s))
+    clock = merge_clocks(clocks)
     usable = np.isfinite(clock.time_s)
     return BootClock(clock.position[usable], clock.time_s[usable])
-
-
-def _own_time_s(message: MessageRows, name: str) -> FloatArray:
-    """Return a message's own time as it stands [s]; NaN where not filled in."""
-    stamp = message.rows[name]
-    return boot_ms_s(stamp) if name == BOOT_MS else np.where(stamp > 0, stamp / 1e6, np.nan)
 
 
 def _senders(

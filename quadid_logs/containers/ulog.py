@@ -107,15 +107,11 @@ def read_topics(path: str | Path, topics: Collection[str] | None = None) -> dict
 def read_content(path: str | Path, topics: Collection[str] | None = None) -> UlogContent:
     """Read a ULog file, decoding only the rows of the given topics (all by default)."""
     with closing(FileParts.open(path)) as file:
-        return _content(file, topics)
-
-
-def _content(file: FileParts, topics: Collection[str] | None) -> UlogContent:
-    """Find the messages and decode those of the wanted topics."""
-    frames = frame(file)
-    chosen = _wanted_rows(frames, topics)
-    wanted = [(starts, layout) for _, layout, starts in chosen]
-    found = rows_of_types(file, wanted, behind=_MESSAGE_HEADER)
+        frames = frame(file)
+        chosen = _wanted_rows(frames, topics)
+        wanted = [(starts, layout) for _, layout, starts in chosen]
+        found = rows_of_types(file, wanted, behind=_MESSAGE_HEADER)
+        counts = _counts(file, frames)
     tables: dict[TopicKey, list[TopicTable]] = {}
     for (key, _, starts), rows in zip(chosen, found, strict=True):
         table = TopicTable(name=key[0], multi_id=key[1], rows=rows, position=starts)
@@ -123,7 +119,7 @@ def _content(file: FileParts, topics: Collection[str] | None) -> UlogContent:
     return UlogContent(
         topics={key: _join(parts) for key, parts in sorted(tables.items())},
         definitions=frames.definitions,
-        counts=_counts(file, frames),
+        counts=counts,
         lost=frames.lost,
         n_unknown=frames.n_unknown,
         n_joined=frames.n_joined,
@@ -172,7 +168,13 @@ def _join(tables: list[TopicTable]) -> TopicTable:
         return first
     if any(table.rows.dtype != first.rows.dtype for table in tables):
         # Firmware changed between joined files: keep what all of them have.
-        shared = [name for name in first.fields if all(_has_field(first, table, name) for table in tables)]
+        shared = [
+            name
+            for name in first.fields
+            if all(
+                name in table.fields and table.rows.dtype[name] == first.rows.dtype[name] for table in tables
+            )
+        ]
         # Packed: a dtype without holes.
         rows = np.concatenate(
             [
@@ -185,11 +187,6 @@ def _join(tables: list[TopicTable]) -> TopicTable:
     position = np.concatenate([table.position for table in tables])
     order = np.argsort(position, kind="stable")
     return TopicTable(name=first.name, multi_id=first.multi_id, rows=rows[order], position=position[order])
-
-
-def _has_field(first: TopicTable, other: TopicTable, name: str) -> bool:
-    """Tell whether both tables have the field, with the same type."""
-    return name in other.fields and first.rows.dtype[name] == other.rows.dtype[name]
 
 
 def _counts(file: FileParts, frames: Frames) -> tuple[MessageCount, ...]:

@@ -90,45 +90,70 @@ class Definitions:
             If the body does not follow the format of its type.
         """
         try:
-            _TAKE[kind](self, body, offset)
+            self._take(chr(kind), body, offset)
         except (struct.error, UnicodeDecodeError, IndexError) as error:
             raise BrokenMessageError(str(error)) from error
+
+    def _take(self, kind: str, body: bytes, offset: int) -> None:
+        if kind == "B":
+            self._take_flags(body, offset)
+        elif kind == "F":
+            self.formats.define(_text_of(body))
+        elif kind == "A":
+            multi_id, msg_id = struct.unpack("<BH", body[:3])
+            name = _text_of(body[3:])
+            dtype, max_size = self.formats.row(name)
+            self.index_by_id[msg_id] = len(self.subscriptions)
+            self.subscriptions.append(
+                Subscription(name=name, multi_id=multi_id, msg_id=msg_id, dtype=dtype, max_size=max_size)
+            )
+            self.has_data_section = True
+        elif kind == "R":
+            # The writer's queue may still hold messages of the topic, so its layout stays known.
+            struct.unpack("<H", body)
+        elif kind == "I":
+            name, value = _key_and_value(body)
+            self.information[name] = value
+        elif kind in "MQ":
+            # Boot messages, performance counters, defaults of parameters: nothing that the analysis uses.
+            _key_and_value(body[1:])
+        elif kind == "P":
+            self._take_parameter(body, offset)
+        elif kind in "LC":
+            # With a tag of two bytes after the level, or without.
+            head = struct.Struct("<BQ" if kind == "L" else "<BHQ")
+            level, *_, timestamp_us = head.unpack(body[: head.size])
+            if not ord("0") <= level <= ord("7"):  # levels are the digits of syslog
+                raise BrokenMessageError("a text without a level")
+            self.texts.append(Text(offset, timestamp_us, level, _text_of(body[head.size :])))
+        elif kind == "O":
+            (duration_ms,) = struct.unpack("<H", body)
+            self.dropouts.append(Dropout(offset, duration_ms))
+        elif body != SYNC_MAGIC:
+            raise BrokenMessageError("a sync message without its mark")
+
+    def _take_flags(self, body: bytes, offset: int) -> None:
+        incompatible = body[8:16]
+        offsets = struct.unpack("<3Q", body[16:40])
+        self.unknown_flags |= bool(incompatible[0] & ~1 or any(incompatible[1:]))
+        if incompatible[0] & 1:
+            # The offsets count from the start of this file, which can be joined to another one.
+            start = offset - HEADER_SIZE
+            self.appended_at += [start + position for position in offsets if position]
+
+    def _take_parameter(self, body: bytes, offset: int) -> None:
+        name, value = _key_and_value(body)
+        if not isinstance(value, int | float):
+            raise BrokenMessageError("a parameter that is no number")
+        if self.has_data_section:
+            before = self.parameters.get(name, float(value))
+            self.parameter_writes.append(ParameterWrite(offset, name, float(value), before))
+        self.parameters[name] = float(value)
 
 
 def _text_of(body: bytes) -> str:
     """Decode UTF-8 and leave out what is none."""
     return body.decode("utf-8", errors="ignore")
-
-
-def _take_flags(known: Definitions, body: bytes, offset: int) -> None:
-    incompatible = body[8:16]
-    offsets = struct.unpack("<3Q", body[16:40])
-    known.unknown_flags |= bool(incompatible[0] & ~1 or any(incompatible[1:]))
-    if incompatible[0] & 1:
-        # The offsets count from the start of this file, which can be joined to another one.
-        start = offset - HEADER_SIZE
-        known.appended_at += [start + position for position in offsets if position]
-
-
-def _take_format(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
-    known.formats.define(_text_of(body))
-
-
-def _take_subscription(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
-    multi_id, msg_id = struct.unpack("<BH", body[:3])
-    name = _text_of(body[3:])
-    dtype, max_size = known.formats.row(name)
-    known.index_by_id[msg_id] = len(known.subscriptions)
-    known.subscriptions.append(
-        Subscription(name=name, multi_id=multi_id, msg_id=msg_id, dtype=dtype, max_size=max_size)
-    )
-    known.has_data_section = True
-
-
-def _take_end_of_subscription(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
-    # A topic that is no longer logged may still have messages in the writer's
-    # queue, so its layout stays known.
-    struct.unpack("<H", body)
 
 
 def _key_and_value(body: bytes) -> tuple[str, object]:
@@ -146,63 +171,3 @@ def _key_and_value(body: bytes) -> tuple[str, object]:
         raise BrokenMessageError("a key whose type is none")
     # The size in the brackets is not checked: PX4's performance counters get it wrong.
     return name, _text_of(raw) if type_name.startswith("char[") else raw
-
-
-def _take_information(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
-    name, value = _key_and_value(body)
-    known.information[name] = value
-
-
-def _take_information_multiple(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
-    # Boot messages and performance counters: nothing that the analysis uses.
-    _key_and_value(body[1:])
-
-
-def _take_parameter(known: Definitions, body: bytes, offset: int) -> None:
-    name, value = _key_and_value(body)
-    if not isinstance(value, int | float):
-        raise BrokenMessageError("a parameter that is no number")
-    if known.has_data_section:
-        before = known.parameters.get(name, float(value))
-        known.parameter_writes.append(ParameterWrite(offset, name, float(value), before))
-    known.parameters[name] = float(value)
-
-
-def _take_parameter_default(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
-    _key_and_value(body[1:])
-
-
-def _check_level(level: int) -> None:
-    """Levels are the digits of syslog."""
-    if not ord("0") <= level <= ord("7"):
-        raise BrokenMessageError("a text without a level")
-
-
-def _take_text(known: Definitions, body: bytes, offset: int) -> None:
-    level, timestamp_us = struct.unpack("<BQ", body[:9])
-    _check_level(level)
-    known.texts.append(Text(offset, timestamp_us, level, _text_of(body[9:])))
-
-
-def _take_tagged_text(known: Definitions, body: bytes, offset: int) -> None:
-    level, _, timestamp_us = struct.unpack("<BHQ", body[:11])
-    _check_level(level)
-    known.texts.append(Text(offset, timestamp_us, level, _text_of(body[11:])))
-
-
-def _take_dropout(known: Definitions, body: bytes, offset: int) -> None:
-    (duration_ms,) = struct.unpack("<H", body)
-    known.dropouts.append(Dropout(offset, duration_ms))
-
-
-def _take_sync(known: Definitions, body: bytes, offset: int) -> None:  # noqa: ARG001
-    if body != SYNC_MAGIC:
-        raise BrokenMessageError("a sync message without its mark")
-
-
-_TAKE: Final = {
-    ord("B"): _take_flags, ord("F"): _take_format, ord("A"): _take_subscription,
-    ord("R"): _take_end_of_subscription, ord("I"): _take_information, ord("M"): _take_information_multiple,
-    ord("P"): _take_parameter, ord("Q"): _take_parameter_default, ord("L"): _take_text,
-    ord("C"): _take_tagged_text, ord("O"): _take_dropout, ord("S"): _take_sync,
-}  # fmt: skip
