@@ -575,22 +575,19 @@ def compare_vehicles(
     known = {vehicle: both for vehicle, both in present.items() if np.isfinite(both).all()}
     if len(known) <= _MIN_VEHICLES:
         return ()
-    outlier_tests = []
+    outlier_tests, flown = [], throttle or {}
     for vehicle, (value, error) in known.items():
         others = np.array([both[0] for other, both in known.items() if other != vehicle])
         middle = float(np.median(others))
         scatter = float(np.median(np.abs(others - middle))) / MEDIAN_DEVIATION
         freedom = max(_MAD_EFFICIENCY * (len(others) - 1), 1.0)
         margin = float(np.hypot(_student(n_tests, freedom) * np.hypot(scatter, error), systematic))
-        margin += _by_throttle_of_others(vehicle, middle, throttle or {})
+        # What the vehicle's throttle against that of the others alone may make of the quantity.
+        others_throttle = [each for other, each in flown.items() if other != vehicle and each > 0.0]
+        own = flown.get(vehicle, 0.0)
+        if others_throttle and own > 0.0:
+            margin += float(yaw_by_throttle(middle, own / np.median(others_throttle)))
         outlier_tests.append(
             OutlierTest(vehicle=vehicle, name=name, axis=axis, value=value, typical=middle, margin=margin)
         )
     return tuple(outlier_tests)
-
-
-def _by_throttle_of_others(vehicle: str, middle: float, throttle: Mapping[str, float]) -> float:
-    """Return what a vehicle's throttle against that of the others alone may make of the quantity."""
-    others = [value for other, value in throttle.items() if other != vehicle and value > 0.0]
-    own = throttle.get(vehicle, 0.0)
-    return float(yaw_by_throttle(middle, own / np.median(others))) if others and own > 0.0 else 0.0

@@ -73,16 +73,13 @@ def coverage_words(coverage: Coverage) -> str:
         return f"{fit}{caution}."
     # By code where counts are equal: store and page count in different orders, and must name the same.
     first = sorted(coverage.refused.items(), key=lambda one: (-one[1], one[0]))[:_MOST_REASONS]
-    reasons = [_reason_words(code, count) for code, count in first]
+    reasons = [
+        f"{continued(CATALOGUE[code].title)} ({code}) on {count}"
+        if code in CATALOGUE
+        else f"{printable(code, 20) or 'without a reason'} on {count}"
+        for code, count in first
+    ]
     others = n_refused - sum(count for _, count in first)
     if others:
         reasons.append(f"other reasons on {others}")
     return f"{fit}{caution}; {n_refused} {'is' if n_refused == 1 else 'are'} refused: {', '.join(reasons)}."
-
-
-def _reason_words(code: str, count: int) -> str:
-    """Say how many axes one finding blocks."""
-    if code not in CATALOGUE:
-        return f"{printable(code, 20) or 'without a reason'} on {count}"
-    title = CATALOGUE[code].title
-    return f"{continued(title)} ({code}) on {count}"

@@ -180,12 +180,6 @@ def read_fleet(folder: Path) -> Fleet:
         ]
     histories.sort(key=lambda history: history.vehicle)
     failures.sort(key=lambda failure: failure.url)
-    tested, n_tests = _tested(histories)
-    return Fleet(histories=tested, failures=tuple(failures), n_tests=n_tests, set_aside=tuple(set_aside))
-
-
-def _tested(histories: Sequence[VehicleHistory]) -> tuple[tuple[VehicleHistory, ...], int]:
-    """Return the histories with changes and outlier tests, and how many tests there were for changes."""
     all_series = [history.series for history in histories]
     prior = scatter_prior(all_series)
     n_tests = count_tests(all_series) + n_disagreement_tests(all_series)
@@ -193,10 +187,15 @@ def _tested(histories: Sequence[VehicleHistory]) -> tuple[tuple[VehicleHistory, 
     outlier_tests: dict[str, list[OutlierTest]] = {}
     for test in _outlier_tests(changed, prior):
         outlier_tests.setdefault(test.vehicle, []).append(test)
-    tested = tuple(
-        replace(history, outlier_tests=tuple(outlier_tests.get(history.vehicle, ()))) for history in changed
+    return Fleet(
+        histories=tuple(
+            replace(history, outlier_tests=tuple(outlier_tests.get(history.vehicle, ())))
+            for history in changed
+        ),
+        failures=tuple(failures),
+        n_tests=n_tests,
+        set_aside=tuple(set_aside),
     )
-    return tested, n_tests
 
 
 def _with_changes(
@@ -227,29 +226,23 @@ def _outlier_tests(
     n_tests = sum(len(history.series) for history in histories)
     for group in groups.values():
         for name, axis in dict.fromkeys((one.name, one.axis) for history in group for one in history.series):
-            yield from _compared_in(group, name, axis, prior.get((name, axis), ScatterPrior()), n_tests)
-
-
-def _compared_in(
-    group: Sequence[VehicleHistory], name: str, axis: str, prior: ScatterPrior, n_tests: int
-) -> tuple[OutlierTest, ...]:
-    """Compare the vehicles of a group in one quantity."""
-    present, systematic, throttle = {}, [], {}
-    for history in group:
-        one = history.of(name, axis)
-        if one is not None:
-            since = history.changes[-1].flight if history.changes else 0
-            present[history.vehicle] = present_value(one, since, prior)
-            systematic.append(one.systematic)
-            throttle[history.vehicle] = present_throttle(one, since)
-    return compare_vehicles(
-        present,
-        name=name,
-        axis=axis,
-        systematic=float(np.median(systematic)),
-        n_tests=n_tests,
-        throttle=throttle,
-    )
+            present, systematic, throttle = {}, [], {}
+            for history in group:
+                one = history.of(name, axis)
+                if one is not None:
+                    since = history.changes[-1].flight if history.changes else 0
+                    scatter = prior.get((name, axis), ScatterPrior())
+                    present[history.vehicle] = present_value(one, since, scatter)
+                    systematic.append(one.systematic)
+                    throttle[history.vehicle] = present_throttle(one, since)
+            yield from compare_vehicles(
+                present,
+                name=name,
+                axis=axis,
+                systematic=float(np.median(systematic)),
+                n_tests=n_tests,
+                throttle=throttle,
+            )
 
 
 def _history(vehicle: str, rows: list[dict[str, Any]]) -> VehicleHistory:

@@ -12,6 +12,7 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from quadid_logs.commands import command, named
+from quadid_logs.counting import counted
 from quadid_logs.data.tuning import GOOD
 from quadid_logs.fleet.changes import MIN_RUN, ChangePoint, OpenChange, OutlierTest, Shift
 from quadid_logs.fleet.coverage import coverage_words
@@ -188,28 +189,19 @@ def _all_clear(fleet: Fleet) -> tuple[str, ...]:
     lines = []
     if n_compared:
         lines.append(
-            f"No vehicle changed: in {_counted(n_compared, 'vehicle')} with at least {2 * MIN_RUN} "
+            f"No vehicle changed: in {counted(n_compared, 'vehicle')} with at least {2 * MIN_RUN} "
             "flights that can be compared, none differ from those before by more than flights differ anyway."
         )
     if n_placed:
-        lines.append(f"None of {_counted(n_placed, 'vehicle')} is an outlier among others of its model.")
+        lines.append(f"None of {counted(n_placed, 'vehicle')} is an outlier among others of its model.")
     if n_short:
         lines.append(
-            f"{_counted(n_short, 'vehicle')} with fewer than {2 * MIN_RUN} flights that can be compared: "
+            f"{counted(n_short, 'vehicle')} with fewer than {2 * MIN_RUN} flights that can be compared: "
             "too few for a change to be found; only large differences would show."
         )
     if n_without:
-        lines.append(f"{_counted(n_without, 'vehicle')} without any usable axis: nothing could be compared.")
+        lines.append(f"{counted(n_without, 'vehicle')} without any usable axis: nothing could be compared.")
     return tuple(lines) or ("There is nothing to compare.",)
-
-
-def _counted(number: int, noun: str) -> str:
-    """Return a number and its noun.
-
-    >>> _counted(1, "vehicle"), _counted(2, "vehicle")
-    ('1 vehicle', '2 vehicles')
-    """
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _links(store: Path, page_folder: Path) -> Mapping[str, str]:
