@@ -30,7 +30,7 @@ def structures(incomplete: str) -> Offer:
 
 def autopilots(incomplete: str) -> Offer:
     """Return the autopilots that can be simulated and planned for."""
-    from quadid_logs.writers.endings import AUTOPILOT_OF_ENDING
+    from quadid_logs.writers import AUTOPILOT_OF_ENDING
 
     return _matching(((name, "") for name in sorted({*AUTOPILOT_OF_ENDING.values()})), incomplete)
 

@@ -58,7 +58,7 @@ def simulate(
     from quadid_logs.simulate import SCENARIOS
     from quadid_logs.simulate import simulate as fly_scenario
     from quadid_logs.vehicle_file import read_vehicle
-    from quadid_logs.writers.endings import AUTOPILOT_OF_ENDING
+    from quadid_logs.writers import AUTOPILOT_OF_ENDING
 
     if list_scenarios:
         for one in SCENARIOS.values():

@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
-from typing import BinaryIO
+from types import MappingProxyType
+from typing import Final
 
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import OutputError, SettingsError
 from quadid_logs.output import beside_prefix, remove_unfinished
 
-__all__ = ["write_log"]
+__all__ = ["AUTOPILOT_OF_ENDING", "write_log"]
+
+#: By ending that can be written: whose flight the file holds unless said otherwise, named as in
+#: `FlightLog.autopilot`.
+AUTOPILOT_OF_ENDING: Final[Mapping[str, str]] = MappingProxyType(
+    {".bin": "ardupilot", ".ulg": "px4", ".bbl": "betaflight", ".tlog": "ardupilot", ".usd": "crazyflie"}
+)
+#: By ending: the module and its function.
+_WRITERS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        ".bin": "dataflash_writer:write_dataflash",
+        ".ulg": "ulog_writer:write_ulog",
+        ".bbl": "blackbox_writer:write_blackbox",
+        ".tlog": "tlog_writer:write_tlog",
+        ".usd": "usd_writer:write_usd",
+    }
+)
 
 
 def write_log(log: FlightLog, path: Path) -> None:
@@ -35,7 +53,15 @@ def write_log(log: FlightLog, path: Path) -> None:
     OutputError
         If the file cannot be written, or a row has no finite time.
     """
-    write = _writer(path.suffix)
+    writer = _WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise SettingsError(
+            f"No log format has the suffix {path.suffix!r}.",
+            hint="Use .bin, .ulg, .bbl, .tlog or .usd.",
+        )
+    module, function = writer.split(":")
+    # Imported here: one format's writer never costs the time of the others.
+    write = getattr(import_module(f"{__name__}.{module}"), function)
     remove_unfinished(path.parent)
     beside = path.with_name(f"{beside_prefix()}{path.name}")
     try:
@@ -49,31 +75,3 @@ def write_log(log: FlightLog, path: Path) -> None:
         ) from error
     finally:
         beside.unlink(missing_ok=True)
-
-
-def _writer(suffix: str) -> Callable[[FlightLog, BinaryIO], None]:
-    """Return the function that writes the format of a file name's suffix."""
-    # Imported here: one format's writer never costs the time of the others.
-    if suffix.lower() == ".bin":
-        from quadid_logs.writers.dataflash_writer import write_dataflash
-
-        return write_dataflash
-    if suffix.lower() == ".ulg":
-        from quadid_logs.writers.ulog_writer import write_ulog
-
-        return write_ulog
-    if suffix.lower() == ".tlog":
-        from quadid_logs.writers.tlog_writer import write_tlog
-
-        return write_tlog
-    if suffix.lower() == ".bbl":
-        from quadid_logs.writers.blackbox_writer import write_blackbox
-
-        return write_blackbox
-    if suffix.lower() == ".usd":
-        from quadid_logs.writers.usd_writer import write_usd
-
-        return write_usd
-    raise SettingsError(
-        f"No log format has the suffix {suffix!r}.", hint="Use .bin, .ulg, .bbl, .tlog or .usd."
-    )

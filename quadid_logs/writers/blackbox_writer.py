@@ -82,13 +82,15 @@ def write_blackbox(log: FlightLog, file: BinaryIO) -> None:
     file.write(_MAGIC)
     for name, text in _header(log, ("loopIteration", "time", *columns)).items():
         file.write(f"H {name}:{text}\n".encode())
+    fields = np.nan_to_num(np.column_stack([*columns.values()]), nan=0.0, posinf=_LARGEST, neginf=-_LARGEST)
+    whole = np.rint(np.clip(fields, -_LARGEST, _LARGEST)).astype(np.int64)
     # The clock of 32 bits begins anew after 71 minutes.
-    whole = [np.arange(len(time_us)), time_us & 0xFFFFFFFF, *map(_whole, columns.values())]
+    counted = [np.arange(len(time_us)), time_us & 0xFFFFFFFF]
     # The slow frames, which hold the flight mode, with the row of the main frame behind each.
     time_s = rates[0].time_s
     rows = np.searchsorted(time_s, [mode.time_s for mode in log.modes])
     for frames in _frames(
-        np.stack(whole, axis=1),
+        np.column_stack([*counted, whole]),
         [
             (int(row), b"S" + bytes([MODE_FLAGS.get(mode.name, 0)]))
             for row, mode in zip(rows, log.modes, strict=True)
@@ -97,12 +99,6 @@ def write_blackbox(log: FlightLog, file: BinaryIO) -> None:
     ):
         file.write(frames)
     file.write(b"E\x0f\0" + _LOG_END)
-
-
-def _whole(column: FloatArray) -> IntArray:
-    """Round to what 32 bits hold."""
-    known = np.nan_to_num(column, nan=0.0, posinf=_LARGEST, neginf=-_LARGEST)
-    return np.asarray(np.rint(np.clip(known, -_LARGEST, _LARGEST)), dtype=np.int64)
 
 
 def _spelling(log: FlightLog) -> _Spelling:
@@ -202,7 +198,17 @@ def _header(log: FlightLog, names: tuple[str, ...]) -> dict[str, str]:
     if log.modes:
         lines |= {"Field S name": "flightModeFlags", "Field S signed": "0", "Field S predictor": "0"}
         lines["Field S encoding"] = "1"
-    lines |= _firmware(log)
+    version = _VERSION.match(log.firmware)
+    firmware = {
+        # Most of the family called their type alike.
+        "Firmware type": "Betaflight" if _spelling(log) == _Spelling() else "Cleanflight",
+        "Firmware revision": f"{version[1]} {version[2]}" if version else "Betaflight 2025.12.1",
+        "gyro_scale": "0x3f800000",
+    }
+    if log.autopilot == "cleanflight":
+        firmware = {"Firmware type": "Cleanflight", "Firmware revision": "bdaf8ec"}
+        firmware["gyro.scale"] = _COUNTS_BITS
+    lines |= firmware
     lines |= {
         "Log start datetime": "0000-01-01T00:00:00.000+00:00",
         "Craft name": _line(log.vehicle_name),
@@ -212,16 +218,6 @@ def _header(log: FlightLog, names: tuple[str, ...]) -> dict[str, str]:
         key = _line(of_list[1] if of_list else name)
         lines[key] = f"{lines[key]},{value:.10g}" if of_list and key in lines else f"{value:.10g}"
     return lines
-
-
-def _firmware(log: FlightLog) -> dict[str, str]:
-    """Return the lines that name the firmware, and its scale of the gyro; most called their type alike."""
-    version = _VERSION.match(log.firmware)
-    revision = f"{version[1]} {version[2]}" if version else "Betaflight 2025.12.1"
-    if log.autopilot == "cleanflight":
-        return {"Firmware type": "Cleanflight", "Firmware revision": "bdaf8ec", "gyro.scale": _COUNTS_BITS}
-    own = "Betaflight" if _spelling(log) == _Spelling() else "Cleanflight"
-    return {"Firmware type": own, "Firmware revision": revision, "gyro_scale": "0x3f800000"}
 
 
 def _line(text: str) -> str:

@@ -52,7 +52,7 @@ def payload_of(kind: MessageType, values: tuple[_Value, ...]) -> bytes:
         Of its fields in the order of their definition; those that are missing are zero.
     """
     parts = re.findall(r"(\d*)([A-Za-z])", kind.struct_format)
-    wire: list[_Value] = [_zero(count, code) for count, code in parts]
+    wire: list[_Value] = [b"" if code == "s" else [0] * int(count) if count else 0 for count, code in parts]
     for place, value in zip(kind.definition_order, values, strict=False):
         wire[place] = value
     flat: list[int | float | bytes] = []
@@ -62,13 +62,6 @@ def payload_of(kind: MessageType, values: tuple[_Value, ...]) -> bytes:
         else:
             flat.append(value)
     return struct.pack(kind.struct_format, *flat)
-
-
-def _zero(count: str, code: str) -> _Value:
-    """Return what a field holds that is not given."""
-    if code == "s":
-        return b""
-    return [0] * int(count) if count else 0
 
 
 def packet(message: Message, sequence: int, system: int, component: int) -> bytes:

@@ -69,15 +69,12 @@ class Records:
             target = rows
             for part in name.split("."):
                 target = target[part]
-            target[...] = fit(_part(field, start, stop), target.dtype)
+            if isinstance(field, Column):
+                field = field.rows(start, stop)
+            elif isinstance(field, np.ndarray):
+                field = field[start:stop]
+            target[...] = fit(field, target.dtype)
         return rows.view(f"V{self.dtype.itemsize}")
-
-
-def _part(field: Field, start: int, stop: int) -> Field:
-    """Return a field's values for some rows; a constant is its own part."""
-    if isinstance(field, Column):
-        return field.rows(start, stop)
-    return field[start:stop] if isinstance(field, np.ndarray) else field
 
 
 def fit(values: Field, dtype: np.dtype[Any]) -> AnyArray:

@@ -9,12 +9,13 @@ from __future__ import annotations
 import heapq
 import math
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import zip_longest
 from typing import BinaryIO
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, FloatArray
+from quadid_logs.arrays import AnyArray
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.vocabulary import GRAVITY_M_S2
 from quadid_logs.writers.flight_modes import find_mode
@@ -74,35 +75,28 @@ def write_tlog(log: FlightLog, file: BinaryIO) -> None:
     OutputError
         If a row has no finite time.
     """
-    messages = Messages()
-    clock = write_clock(log)
-    # RAW_IMU, SCALED_IMU2 and SCALED_IMU3 of ArduPilot; HIGHRES_IMU of PX4.
-    rates, forces = list(imu_rates(log)), list(log.candidates("specific_force"))
-    makers = [_raw_imu, _scaled_imu2, _scaled_imu3]
-    if log.autopilot == "px4":
-        makers = [_highres_imu]
-    n_imus = min(max(len(rates), len(forces)), len(makers))
-    imus: list[Iterator[Timed]] = []
-    for instance in range(n_imus):
-        rate = rates[instance] if instance < len(rates) else None
-        force = forces[instance] if instance < len(forces) else None
-        imus.append(makers[instance](messages, *_imu_rows(clock, rate, force)))
-    streams = [
-        _greeting(messages, log, clock),
-        _heartbeats(messages, log, clock),
-        _attitude(messages, log, clock),
-        _targets(messages, log, clock),
-        *imus,
-        _outputs(messages, log, clock),
-        _rotor_speed(messages, log, clock),
-        _battery(messages, log, clock),
-        _landed(messages, log, clock),
-        _texts(messages, log, clock),
-    ]
-    merged = heapq.merge(*streams, key=lambda timed: timed[0])
+    messages, clock = Messages(), write_clock(log)
+    streams = (
+        _greeting,
+        _heartbeats,
+        _attitude,
+        _targets,
+        _imus,
+        _outputs,
+        _rotor_speed,
+        _battery,
+        _landed,
+        _texts,
+    )
+    merged = _merged(stream(messages, log, clock) for stream in streams)
     for number, (key_us, message) in enumerate(merged):
         sent = packet(message, number % 256, SYSTEM_ID, COMPONENT_ID)
         file.write(struct.pack(">Q", HOST_EPOCH_US + key_us) + sent)
+
+
+def _merged(streams: Iterable[Iterator[Timed]]) -> Iterator[Timed]:
+    """Put messages in the order of their places; at one place the earlier stream comes first."""
+    return heapq.merge(*streams, key=lambda timed: timed[0])
 
 
 def _boot_ms(stamps: Stamps) -> list[int]:
@@ -127,20 +121,15 @@ def _greeting(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator
         messages.autopilot_version(0, packed_version(log.firmware), 0, 0, 0, none, none, none, 0, 0, 0),
     )
     for index, (name, value) in enumerate(log.parameters.items()):
-        number, kind = _parameter(log, name, value)
+        number, kind = float(np.float32(value)), PARAM_REAL32
+        whole = whole_parameter(name, value) if log.autopilot == "px4" else None
+        if whole is not None:
+            # PX4 sends an integer's bytes in the float.
+            (number,), kind = struct.unpack("<f", struct.pack("<i", whole)), PARAM_INT32
         yield (
             start_us,
             messages.param_value(clip_text(name, 16), number, kind, len(log.parameters), index),
         )
-
-
-def _parameter(log: FlightLog, name: str, value: float) -> tuple[float, int]:
-    """Return PARAM_VALUE's number and type: PX4 sends an integer's bytes in the float."""
-    whole = whole_parameter(name, value) if log.autopilot == "px4" else None
-    if whole is not None:
-        (number,) = struct.unpack("<f", struct.pack("<i", whole))
-        return number, PARAM_INT32
-    return float(np.float32(value)), PARAM_REAL32
 
 
 def _heartbeats(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
@@ -148,7 +137,12 @@ def _heartbeats(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterat
     start_us, end_us = _span(log, clock)
     key_us = np.arange(start_us, end_us + 1, HEARTBEAT_PERIOD_US, dtype=np.int64)
     modes = event_stamps(clock, log.modes)
-    custom = np.array([_custom_mode(log, mode.name) for mode in log.modes], dtype=np.float64)
+    known = [find_mode(mode.name) for mode in log.modes]
+    numbers = [mode.ardupilot for mode in known]
+    if log.autopilot == "px4":
+        # Main and sub mode stand in the upper bytes.
+        numbers = [mode.px4_main << 16 | mode.px4_sub << 24 for mode in known]
+    custom = np.array(numbers, dtype=np.float64)
     mode = np.nan_to_num(held(modes, custom, key_us)).astype(np.int64)
     armed = held_at(clock, first(log, "armed"), key_us, 1)[:, 0] > 0.5
     autopilot, vehicle = AUTOPILOTS.get(log.autopilot, 0), mav_type(log)
@@ -156,12 +150,6 @@ def _heartbeats(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterat
         base = BASE_MODE | (ARMED_FLAG if is_armed else 0)
         state = ACTIVE if is_armed else STANDBY
         yield key, messages.heartbeat(vehicle, autopilot, base, number, state, 3)
-
-
-def _custom_mode(log: FlightLog, name: str) -> int:
-    """Return HEARTBEAT.custom_mode; PX4 puts main and sub mode into its upper bytes."""
-    mode = find_mode(name)
-    return mode.px4_main << 16 | mode.px4_sub << 24 if log.autopilot == "px4" else mode.ardupilot
 
 
 def _attitude(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
@@ -190,48 +178,38 @@ def _targets(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[
         yield key, messages.attitude_target(boot_ms, 0, unknown, *row)
 
 
-def _imu_rows(clock: WriteClock, rate: Signal | None, force: Signal | None) -> tuple[Stamps, FloatArray]:
-    """Put an accelerometer [m/s^2] and a gyro [rad/s] side by side at the gyro's times."""
+def _imus(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:
+    """RAW_IMU, SCALED_IMU2 and SCALED_IMU3 of ArduPilot; HIGHRES_IMU of PX4."""
+    pairs = [*zip_longest(imu_rates(log), log.candidates("specific_force"))]
+    n_imus = 1 if log.autopilot == "px4" else 3
+    return _merged(
+        _imu(messages, log, clock, instance, *pair) for instance, pair in enumerate(pairs[:n_imus])
+    )
+
+
+def _imu(
+    messages: Messages,
+    log: FlightLog,
+    clock: WriteClock,
+    instance: int,
+    rate: Signal | None,
+    force: Signal | None,
+) -> Iterator[Timed]:
+    """Gyro and accelerometer at the gyro's times: ArduPilot's in mrad/s and mG, PX4's in SI units."""
     base = rate if rate is not None else force
     if base is None or not base.n_samples:
-        none = np.zeros(0, dtype=np.int64)
-        return Stamps(time_us=none, key_us=none), np.zeros((0, 6))
+        return
     stamps = clock.of(base)
-    parts = [held_at(clock, signal, stamps.key_us, 3) for signal in (force, rate)]
-    return stamps, np.concatenate(parts, axis=1)
-
-
-def _thousandths(rows: FloatArray) -> list[list[int]]:
-    """Turn m/s^2 and rad/s into mG and mrad/s."""
-    scale = np.repeat([1000.0 / GRAVITY_M_S2, 1000.0], 3)
-    return list(fit(rows * scale, np.dtype(np.int16)).tolist())
-
-
-def _raw_imu(messages: Messages, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
-    """First IMU, with microseconds."""
-    for key, time_us, row in zip(
-        stamps.key_us.tolist(), stamps.time_us.tolist(), _thousandths(rows), strict=True
-    ):
-        yield key, messages.raw_imu(time_us, *row, 0, 0, 0)
-
-
-def _scaled_imu2(messages: Messages, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
-    """Second IMU, with milliseconds."""
-    for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), _thousandths(rows), strict=True):
-        yield key, messages.scaled_imu2(boot_ms, *row, 0, 0, 0)
-
-
-def _scaled_imu3(messages: Messages, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
-    """Third IMU, with milliseconds."""
-    for key, boot_ms, row in zip(stamps.key_us.tolist(), _boot_ms(stamps), _thousandths(rows), strict=True):
-        yield key, messages.scaled_imu3(boot_ms, *row, 0, 0, 0)
-
-
-def _highres_imu(messages: Messages, stamps: Stamps, rows: FloatArray) -> Iterator[Timed]:
-    """PX4's IMU in SI units; the lowest six bits name the updated fields."""
-    unknown = [math.nan] * 7
-    for key, time_us, row in zip(stamps.key_us.tolist(), stamps.time_us.tolist(), rows.tolist(), strict=True):
-        yield key, messages.highres_imu(time_us, *row, *unknown, 0b111111)
+    rows = np.concatenate([held_at(clock, signal, stamps.key_us, 3) for signal in (force, rate)], axis=1)
+    times = stamps.time_us.tolist() if instance == 0 else _boot_ms(stamps)
+    if log.autopilot == "px4":
+        # The lowest six bits name the updated fields.
+        make, rest = messages.highres_imu, [*[math.nan] * 7, 0b111111]
+    else:
+        make, rest = (messages.raw_imu, messages.scaled_imu2, messages.scaled_imu3)[instance], [0, 0, 0]
+        rows = fit(rows * np.repeat([1000.0 / GRAVITY_M_S2, 1000.0], 3), np.dtype(np.int16))
+    for key, time, row in zip(stamps.key_us.tolist(), times, rows.tolist(), strict=True):
+        yield key, make(time, *row, *rest)
 
 
 def _outputs(messages: Messages, log: FlightLog, clock: WriteClock) -> Iterator[Timed]:

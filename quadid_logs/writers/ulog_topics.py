@@ -178,22 +178,15 @@ def whole_parameter(name: str, value: float) -> int | None:
     return max(-(2**31), min(round(value), 2**31 - 1))
 
 
-def row_type(topic: str) -> np.dtype[np.void]:
-    """Return a topic's packed row; the padding at its very end is not logged."""
-    fields = [_field(text) for text in TOPICS[topic].rstrip(";").split(";")]
-    while fields[-1][0].startswith("_padding"):
+def row_type(topic: str, *, nested: bool = False) -> np.dtype[np.void]:
+    """Return a topic's packed row; the padding at its very end is logged only where it is nested."""
+    fields: list[tuple[str, str | np.dtype[np.void], tuple[int, ...]]] = []
+    for text in TOPICS[topic].rstrip(";").split(";"):
+        # Such as "float[3] xyz".
+        kind, _, name = text.partition(" ")
+        base, _, count = kind.rstrip("]").partition("[")
+        row = TYPES[base] if base in TYPES else row_type(base, nested=True)
+        fields.append((name, row, (int(count),) if count else ()))
+    while not nested and fields[-1][0].startswith("_padding"):
         fields.pop()
     return np.dtype(fields)
-
-
-def _field(text: str) -> tuple[str, str | np.dtype[np.void], tuple[int, ...]]:
-    """Turn "float[3] xyz" into numpy's name, type and shape."""
-    kind, _, name = text.partition(" ")
-    base, _, count = kind.rstrip("]").partition("[")
-    shape = (int(count),) if count else ()
-    return name, TYPES[base] if base in TYPES else _nested_type(base), shape
-
-
-def _nested_type(topic: str) -> np.dtype[np.void]:
-    """Return the packed row of a topic inside another one, padding included."""
-    return np.dtype([_field(text) for text in TOPICS[topic].rstrip(";").split(";")])

@@ -13,7 +13,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, FloatArray
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.log import POSITION_VALUES, FlightLog, Signal
 from quadid_logs.maths.rotations import quaternion_from_euler
 from quadid_logs.vocabulary import AXES
@@ -89,7 +89,7 @@ def write_ulog(log: FlightLog, file: BinaryIO) -> None:
     """
     clock = write_clock(log)
     topics = [*_rates(log, clock), *_actuators(log, clock), *_sensors(log, clock), *_states(log, clock)]
-    topics += [*_fifos(log, clock), *_attitude_setpoint(log, clock), *_positions(log, clock)]
+    topics += [*_fifos(log, clock), *_outer_loops(log, clock)]
     streams = [_records(number, *topic) for number, topic in enumerate(topics)]
     starts = [int(stream.key_us[0]) for stream in streams]
     ends = [int(stream.key_us[-1]) for stream in streams]
@@ -188,6 +188,7 @@ def _rates(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
 
 def _actuators(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
     """Motor commands before the thrust curve, output pulses, ESC speeds."""
+    fields: dict[str, Field]
     motors = first(log, "motor_thrust")
     if motors is not None:
         control = _padded(motors.values, MOTORS, fill=math.nan)
@@ -197,34 +198,28 @@ def _actuators(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
         stamps = clock.of(outputs)
         for instance, channel in enumerate(range(0, outputs.values.shape[1], OUTPUTS)):
             part = outputs.values[:, channel : channel + OUTPUTS]
-            fields: dict[str, Field] = {
+            fields = {
                 "noutputs": part.shape[1],
                 "output": _padded(part, OUTPUTS, fill=0.0),
             }
             yield "actuator_outputs", instance, stamps, fields
     speed = first(log, "rotor_speed")
     if speed is not None:
-        yield "esc_status", 0, *_esc_status(clock.of(speed), speed)
-
-
-def _esc_status(stamps: Stamps, speed: Signal) -> tuple[Stamps, dict[str, Field]]:
-    """Whole revolutions per minute, one report per motor."""
-    n_escs = min(speed.values.shape[1], ESCS)
-    online = (1 << n_escs) - 1
-    used = np.arange(ESCS) < n_escs
-    fields: dict[str, Field] = {
-        "counter": np.arange(stamps.time_us.size) % 2**16,
-        "esc_online_flags": online,
-        "esc_armed_flags": online,
-        "esc_count": n_escs,
-        "esc.timestamp": stamps.time_us[:, np.newaxis] * used,
-        "esc.esc_rpm": Column(values=_padded(speed.values, ESCS, fill=0.0), scale=RPM),
-        "esc.actuator_function": (FUNCTION_MOTOR1 + np.arange(ESCS)) * used,
-    }
-    # Repeat an array that is the same in every row, without copying it.
-    name = "esc.actuator_function"
-    row: AnyArray = np.asarray(fields[name])
-    return stamps, (fields | {name: np.broadcast_to(row, (stamps.time_us.size, *row.shape))})
+        # One report per motor, in whole revolutions per minute.
+        stamps, n_escs = clock.of(speed), min(speed.values.shape[1], ESCS)
+        online, used = (1 << n_escs) - 1, np.arange(ESCS) < n_escs
+        functions = (FUNCTION_MOTOR1 + np.arange(ESCS)) * used
+        fields = {
+            "counter": np.arange(stamps.time_us.size) % 2**16,
+            "esc_online_flags": online,
+            "esc_armed_flags": online,
+            "esc_count": n_escs,
+            "esc.timestamp": stamps.time_us[:, np.newaxis] * used,
+            "esc.esc_rpm": Column(values=_padded(speed.values, ESCS, fill=0.0), scale=RPM),
+            # The same in every row, without copying it.
+            "esc.actuator_function": np.broadcast_to(functions, (stamps.time_us.size, ESCS)),
+        }
+        yield "esc_status", 0, stamps, fields
 
 
 def _fifos(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
@@ -246,16 +241,13 @@ def _fifos(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
         yield FIFO, instance, Stamps(time_us=stamps.time_us[last], key_us=stamps.key_us[last]), fields
 
 
-def _attitude_setpoint(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
-    """Attitude set-points as quaternions, without a rate about the vertical."""
+def _outer_loops(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
+    """Attitude set-points; set-points and states of position controllers, at the rows of the first one."""
     wanted = first(log, "attitude_setpoint")
     if wanted is not None:
+        # Without a rate about the vertical.
         fields: dict[str, Field] = {"q_d": quaternion_from_euler(wanted.values), "thrust_body": math.nan}
         yield ATTITUDE_SETPOINT, 0, clock.of(wanted), fields
-
-
-def _positions(log: FlightLog, clock: WriteClock) -> Iterator[Topic]:
-    """Set-points and states of position controllers, at the rows of the first direction."""
     if not log.position_control:
         return
     rows = log.position_control[0].rows

@@ -15,7 +15,6 @@ from typing import BinaryIO, Final
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.vocabulary import GRAVITY_M_S2
 from quadid_logs.writers.log_series import Stamps, WriteClock, first, held_at, write_clock
@@ -107,19 +106,14 @@ def _events(log: FlightLog, clock: WriteClock) -> Iterator[_Event]:
                 fields[name] = Column(values=signal.values[:, column], scale=factor * sign)
                 types[name] = kind
         stamps = clock.stamps(rows.time_s, rows.position)
-        if not place and (info := _info(log, clock, stamps)) is not None:
-            fields["supervisor.info"], types["supervisor.info"] = info, "<u2"
+        armed, landed = first(log, "armed"), first(log, "landed")
+        if place == 0 and armed is not None and landed is not None:
+            # The supervisor's state, in the first event only.
+            is_armed, is_landed = (held_at(clock, one, stamps.key_us, 1)[:, 0] for one in (armed, landed))
+            state = _ARMED * (is_armed > 0.5) + _FLYING * (is_landed < 0.5)
+            fields["supervisor.info"], types["supervisor.info"] = np.asarray(state, dtype=np.float64), "<u2"
         number, event = (place - 1, f"trigger{place}") if place else _FIXED
         yield number, event, stamps, fields, types
-
-
-def _info(log: FlightLog, clock: WriteClock, stamps: Stamps) -> FloatArray | None:
-    """Return the supervisor's state; None where the log knows none."""
-    armed, landed = log.candidates("armed"), log.candidates("landed")
-    if not armed or not landed:
-        return None
-    is_armed, is_landed = (held_at(clock, one[0], stamps.key_us, 1)[:, 0] for one in (armed, landed))
-    return np.asarray(_ARMED * (is_armed > 0.5) + _FLYING * (is_landed < 0.5), dtype=np.float64)
 
 
 def _records(
