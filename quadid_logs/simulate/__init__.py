@@ -109,7 +109,10 @@ def simulate(
         vehicle=vehicle,
         autopilot=autopilot,
     )
-    records = _flown(setups)
+    if autopilot == "betaflight":
+        # Refuse what has no order of motors in the log.
+        motor_order(setups[0])
+    records = tuple(fly(setup) for setup in setups)
     truth = flight_truth(records, scenario=scenario, boot_s=logging.boot_s)
     # What was done to the log, and what `analyze` may say about it.
     truth |= {
@@ -118,13 +121,6 @@ def simulate(
         "expected_verdicts": {axis: list(allowed) for axis, allowed in found.verdicts.items()},
     }
     return Simulation(log=log_flights(records, logging), truth=truth, damage=found.damage)
-
-
-def _flown(setups: tuple[Setup, ...]) -> tuple[Record, ...]:
-    """Fly each, after refusing what has no order of motors in the log."""
-    if setups[0].autopilot == "betaflight":
-        motor_order(setups[0])
-    return tuple(fly(setup) for setup in setups)
 
 
 def find_scenario(name: str) -> Scenario:

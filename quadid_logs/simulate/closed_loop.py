@@ -18,8 +18,6 @@ from quadid_logs.maths.frames import normalised_allocation, torque_matrix
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple, inertia_terms
 from quadid_logs.maths.rotations import Component, body_rates, quaternion_from_euler
 from quadid_logs.simulate.airframes import SimulatedAirframe
-from quadid_logs.simulate.components import stacked as _stacked
-from quadid_logs.simulate.components import vector as _vector
 from quadid_logs.simulate.control import (
     Arithmetic,
     Gains,
@@ -35,9 +33,11 @@ from quadid_logs.simulate.control import (
     rate_law,
     rate_setpoint,
     reset_rates,
+    stacked,
     throttle_for_thrust,
     thrust_of_throttle,
     torque_command,
+    vector,
 )
 from quadid_logs.simulate.effects import (
     Actuation,
@@ -375,7 +375,7 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
     phases, n_rotors = setups[0].schedule, setups[0].airframe.n_rotors
     surroundings = _surroundings(setups)
     faults = MotorFaults([s.effects for s in setups], n_rotors, phases.manoeuvre_s, phases.land_s)
-    zero = _stacked([0.0 for _ in setups])
+    zero = stacked([0.0 for _ in setups])
     nothing, still = (zero, zero, zero), (zero,) * first.airframe.n_rotors
     idle = Decision(nothing, nothing, zero, zero, nothing, still, still, still)
     state = at_rest(first.airframe.n_rotors, zero)
@@ -437,15 +437,22 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
         else:
             rates, previous = reset_rates(idle.command, idle.command, zero), None
             height_integral, decision = zero, idle
-        row = _row(state, decision, raw, filtered, battery, full=full)
-        yield (*row, *_term_row(rates), *navigated) if full else row
+        row = _row(state, decision, rates, raw, filtered, battery, full=full)
+        yield (*row, *navigated) if full else row
         queue.append(decision.targets)
         external = surroundings.act(state.attitude, state.acceleration, disturbed)
         state = advance(state, queue.pop(0), wind, body, external)
 
 
 def _row(
-    state: State, decision: Decision, raw: Triple, filtered: Triple, battery: _Battery, *, full: bool
+    state: State,
+    decision: Decision,
+    rates: RateMemory,
+    raw: Triple,
+    filtered: Triple,
+    battery: _Battery,
+    *,
+    full: bool,
 ) -> tuple[Component, ...]:
     """Return the values of the `CORE` channels, and of `EXTRA` behind them if `full`."""
     core = (
@@ -460,6 +467,7 @@ def _row(
     )
     if not full:
         return core
+    roll, pitch, yaw = rates
     return (
         *core,
         *state.rate,
@@ -472,13 +480,6 @@ def _row(
         *decision.actuators,
         *decision.thrust,
         *state.speeds,
-    )
-
-
-def _term_row(rates: RateMemory) -> tuple[Component, ...]:
-    """Return the values of the last `EXTRA` channels: the rate controllers' terms."""
-    roll, pitch, yaw = rates
-    return (
         *(roll.proportional, pitch.proportional, yaw.proportional),
         *(roll.integral, pitch.integral, yaw.integral),
         *(roll.derivative, pitch.derivative, yaw.derivative),
@@ -493,11 +494,11 @@ class _Gyro:
     def __init__(self, setups: tuple[Setup, ...]) -> None:
         first = setups[0]
         self._biquad = butterworth(first.gyro_filter_hz, first.loop_hz)
-        self._quantum = _stacked([s.noise.gyro_resolution_rad_s for s in setups])
+        self._quantum = stacked([s.noise.gyro_resolution_rad_s for s in setups])
         # The estimator has found nine tenths of the bias before take-off.
-        self._bias = _vector([0.1 * np.array(s.noise.gyro_bias_rad_s) for s in setups])
-        self._scale = _vector([1.0 + np.array(s.noise.gyro_scale) for s in setups])
-        self._cross = tuple(_stacked([s.noise.gyro_cross[place] for s in setups]) for place in range(6))
+        self._bias = vector([0.1 * np.array(s.noise.gyro_bias_rad_s) for s in setups])
+        self._scale = vector([1.0 + np.array(s.noise.gyro_scale) for s in setups])
+        self._cross = tuple(stacked([s.noise.gyro_cross[place] for s in setups]) for place in range(6))
         self._mode = FlexibleMode([s.effects for s in setups], first.loop_hz)
         zero = 0.0 * self._quantum
         self._memory = ((zero, zero, zero), (zero, zero, zero))
@@ -609,11 +610,11 @@ class _Battery:
 
     def __init__(self, setups: tuple[Setup, ...]) -> None:
         packs = [s.airframe.battery for s in setups]
-        self._weight = _stacked([s.airframe.mass_kg * GRAVITY_M_S2 for s in setups])
-        self._current = _stacked([pack.hover_current_a for pack in packs])
-        self._drop = _stacked([pack.resistance_ohm / pack.full_v for pack in packs])
-        self._fall = _stacked([pack.sag / pack.capacity_a_s for pack in packs])
-        self._expo = _stacked([s.firmware_expo for s in setups])
+        self._weight = stacked([s.airframe.mass_kg * GRAVITY_M_S2 for s in setups])
+        self._current = stacked([pack.hover_current_a for pack in packs])
+        self._drop = stacked([pack.resistance_ohm / pack.full_v for pack in packs])
+        self._fall = stacked([pack.sag / pack.capacity_a_s for pack in packs])
+        self._expo = stacked([s.firmware_expo for s in setups])
         self._used = self._current * 0.0
         self.ratio = self.filtered = self.lift = self._used + 1.0
 
@@ -635,23 +636,23 @@ def _body(setups: tuple[Setup, ...]) -> Body:
     arms = np.array([_arms(s) for s in setups])
     return Body(
         step_s=step_s,
-        mass=_stacked([frame.mass_kg for frame in frames]),
+        mass=stacked([frame.mass_kg for frame in frames]),
         inertia=inertia_terms(inertia[0] if len(frames) == 1 else inertia),
-        damping=_vector([frame.rate_damping_n_m_s for frame in frames]),
+        damping=vector([frame.rate_damping_n_m_s for frame in frames]),
         thrust_per_speed2=tuple(
-            _stacked([float(f.rotor_thrust_n[i]) / f.rotor_speed_max_rad_s**2 for f in frames])
+            stacked([float(f.rotor_thrust_n[i]) / f.rotor_speed_max_rad_s**2 for f in frames])
             for i in range(frames[0].n_rotors)
         ),
-        arms=tuple(_vector(list(arms[:, :, i])) for i in range(frames[0].n_rotors)),
+        arms=tuple(vector(list(arms[:, :, i])) for i in range(frames[0].n_rotors)),
         decay_up=_decay([frame.lag_up_s for frame in frames], step_s),
         decay_down=_decay([s.airframe.lag_down_s * s.effects.spin_down_ratio for s in setups], step_s),
         rotor_inertia=tuple(
-            _stacked([float(frame.spin[i]) * frame.rotor_inertia_kg_m2 for frame in frames])
+            stacked([float(frame.spin[i]) * frame.rotor_inertia_kg_m2 for frame in frames])
             for i in range(frames[0].n_rotors)
         ),
-        drag=_stacked([frame.drag_n_s_m for frame in frames]),
-        drag_area=_stacked([frame.drag_area_m2 for frame in frames]),
-        drag_height=_stacked([frame.drag_height_m for frame in frames]),
+        drag=stacked([frame.drag_n_s_m for frame in frames]),
+        drag_area=stacked([frame.drag_area_m2 for frame in frames]),
+        drag_height=stacked([frame.drag_height_m for frame in frames]),
     )
 
 
@@ -673,8 +674,8 @@ def _surroundings(setups: tuple[Setup, ...]) -> Surroundings:
     frames = [s.airframe for s in setups]
     return Surroundings(
         [s.effects for s in setups],
-        _vector([np.diagonal(frame.inertia_kg_m2) for frame in frames]),
-        _stacked([frame.mass_kg for frame in frames]),
+        vector([np.diagonal(frame.inertia_kg_m2) for frame in frames]),
+        stacked([frame.mass_kg for frame in frames]),
         1.0 / setups[0].loop_hz,
     )
 
@@ -682,7 +683,7 @@ def _surroundings(setups: tuple[Setup, ...]) -> Surroundings:
 def _decay(lags_s: Sequence[float], step_s: float) -> tuple[Component, Component]:
     """Return what is left of a gap after half and after the whole step; nothing without lag."""
     half = [math.exp(-0.5 * step_s / lag) if lag > 0.0 else 0.0 for lag in lags_s]
-    return _stacked(half), _stacked([value * value for value in half])
+    return stacked(half), stacked([value * value for value in half])
 
 
 def mixer_factors(airframe: SimulatedAirframe, autopilot: str) -> FloatArray:
@@ -719,11 +720,11 @@ def controller_gains(setup: Setup) -> Gains:
     tuning = setup.tuning
     of_p, of_i, of_d, of_angle = np.array(tuning.single_gain)
     return Gains(
-        attitude=_vector([of_angle * np.minimum(0.25 * crossover, (6.0, 6.0, 2.5))]),
-        proportional=_vector([of_p * proportional]),
-        integral=_vector([of_i * 0.25 * crossover * proportional]),
-        derivative=_vector([of_d * lead_s * proportional]),
-        derivative_weight=_vector(
+        attitude=vector([of_angle * np.minimum(0.25 * crossover, (6.0, 6.0, 2.5))]),
+        proportional=vector([of_p * proportional]),
+        integral=vector([of_i * 0.25 * crossover * proportional]),
+        derivative=vector([of_d * lead_s * proportional]),
+        derivative_weight=vector(
             [np.array([_weight(tuning.of_derivative_hz(axis), setup.loop_hz) for axis in range(3)])]
         ),
         target_weight=_weight(tuning.target_hz, setup.loop_hz),
@@ -758,10 +759,10 @@ def _weight(cutoff_hz: float, loop_hz: float) -> float:
 def _together(gains: Sequence[Gains]) -> Gains:
     """Put the gains of all flights beside each other."""
     return gains[0]._replace(
-        attitude=_vector([np.array(g.attitude) for g in gains]),
-        proportional=_vector([np.array(g.proportional) for g in gains]),
-        integral=_vector([np.array(g.integral) for g in gains]),
-        derivative=_vector([np.array(g.derivative) for g in gains]),
+        attitude=vector([np.array(g.attitude) for g in gains]),
+        proportional=vector([np.array(g.proportional) for g in gains]),
+        integral=vector([np.array(g.integral) for g in gains]),
+        derivative=vector([np.array(g.derivative) for g in gains]),
     )
 
 
@@ -771,7 +772,7 @@ def _controller(setups: tuple[Setup, ...]) -> Controller:
     gains = _together([controller_gains(s) for s in setups])
     factors = np.array([mixer_factors(s.airframe, s.autopilot) for s in setups])
     roll, pitch, yaw, throttle = (
-        tuple(_stacked([float(f[motor, axis]) for f in factors]) for motor in range(factors.shape[1]))
+        tuple(stacked([float(f[motor, axis]) for f in factors]) for motor in range(factors.shape[1]))
         for axis in range(4)
     )
     return Controller(
@@ -783,11 +784,11 @@ def _controller(setups: tuple[Setup, ...]) -> Controller:
             pitch=pitch,
             yaw=yaw,
             throttle=throttle,
-            hover=_stacked([s.hover_throttle for s in setups]),
+            hover=stacked([s.hover_throttle for s in setups]),
         ),
-        expo=_stacked([s.firmware_expo for s in setups]),
-        propeller_expo=_stacked([s.airframe.thrust_expo for s in setups]),
-        speed_max=_stacked([s.airframe.rotor_speed_max_rad_s for s in setups]),
+        expo=stacked([s.firmware_expo for s in setups]),
+        propeller_expo=stacked([s.airframe.thrust_expo for s in setups]),
+        speed_max=stacked([s.airframe.rotor_speed_max_rad_s for s in setups]),
         compensates_voltage=first.autopilot == "ardupilot",
         curve=output_curve([s.effects for s in setups], wanted=first.autopilot == "betaflight"),
         actuation=Actuation([s.effects for s in setups]),

@@ -10,11 +10,12 @@ by the same scaling.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple
 from quadid_logs.maths.rotations import Component
 from quadid_logs.vocabulary import GRAVITY_M_S2
@@ -34,6 +35,17 @@ def arithmetic(n_flights: int) -> Arithmetic:
     if n_flights == 1:
         return Arithmetic(_lower, _higher, min, max)
     return Arithmetic(np.minimum, np.maximum, np.minimum.reduce, np.maximum.reduce)
+
+
+def stacked(values: Sequence[float]) -> Component:
+    """Make a float of one flight's value, an array of many flights' values."""
+    return float(values[0]) if len(values) == 1 else np.asarray(values, dtype=np.float64)
+
+
+def vector(vectors: Sequence[FloatArray]) -> Triple:
+    """Stack one 3-vector per flight into components."""
+    p, q, r = (stacked([float(vector[axis]) for vector in vectors]) for axis in range(3))
+    return p, q, r
 
 
 def _lower(one: float, other: float) -> float:
@@ -86,7 +98,8 @@ class TrackingNotch(NamedTuple):
         """Return the filter at one harmonic of a speed (NotchFilter.cpp)."""
         octaves = 2.0 * math.log2(self.lowest_hz / (self.lowest_hz - 0.5 * self.width_hz))
         quality = math.sqrt(2.0**octaves) / (2.0**octaves - 1.0)
-        omega = 2.0 * math.pi * harmonic * self._centre_hz(speed_hz) / sample_rate_hz
+        centre_hz = self.lowest_hz if self.stands else np.maximum(speed_hz, self.lowest_hz)
+        omega = 2.0 * math.pi * harmonic * centre_hz / sample_rate_hz
         alpha, passed = 0.5 * np.sin(omega) / quality, 10.0 ** (-self.depth_db / 20.0)
         middle = -2.0 * np.cos(omega) / (1.0 + alpha)
         return Biquad(
@@ -96,9 +109,6 @@ class TrackingNotch(NamedTuple):
             a1=middle,
             a2=(1.0 - alpha) / (1.0 + alpha),
         )
-
-    def _centre_hz(self, speed_hz: Component) -> Component:
-        return self.lowest_hz if self.stands else np.maximum(speed_hz, self.lowest_hz)
 
 
 def filter_rates(

@@ -17,8 +17,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple
 from quadid_logs.maths.rotations import Component
-from quadid_logs.simulate.components import stacked, vector
-from quadid_logs.simulate.control import Arithmetic, Biquad, filter_rates
+from quadid_logs.simulate.control import Arithmetic, Biquad, filter_rates, stacked, vector
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
 #: Of two research vehicles that hover indoors, the acceleration that no torque explains falls with about this

@@ -11,8 +11,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.rotational_dynamics import Triple
 from quadid_logs.maths.rotations import Component
-from quadid_logs.simulate.components import stacked
-from quadid_logs.simulate.control import Arithmetic
+from quadid_logs.simulate.control import Arithmetic, stacked
 from quadid_logs.simulate.effects import Effects
 from quadid_logs.vocabulary import GRAVITY_M_S2
 

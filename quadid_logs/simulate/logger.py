@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.log import (
     NO_GYRO_FILTER,
     POSITION_VALUES,
@@ -96,6 +96,15 @@ class _MessageRows:
     stamp_s: FloatArray
     values: Mapping[str, FloatArray]
 
+    def where(self, kept: BoolArray) -> _MessageRows:
+        """Return the rows that are kept."""
+        return _MessageRows(
+            stream=self.stream,
+            true_s=self.true_s[kept],
+            stamp_s=self.stamp_s[kept],
+            values={name: values[kept] for name, values in self.values.items()},
+        )
+
 
 def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
     """Log one or several flights into one `FlightLog`.
@@ -177,22 +186,18 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
 
 def _default_streams(kind: Vendor) -> tuple[Stream, ...]:
     """Without changed log settings, attitude, IMU and motors come at their own, lower rates."""
-    default = {
+    slower = {
         "ANG": ("ATT", 10.0),
         "IMU": ("IMU", 25.0),
         "vehicle_attitude": ("vehicle_attitude", 20.0),
         "actuator_motors": ("actuator_motors", 10.0),
         "vehicle_rates_setpoint": ("vehicle_rates_setpoint", 50.0),
     }
-    return tuple(
-        Stream(
-            message=default.get(s.message, (s.message, s.rate_hz))[0],
-            signals=s.signals,
-            rate_hz=default.get(s.message, (s.message, s.rate_hz))[1],
-            latency_s=s.latency_s,
-        )
-        for s in kind.streams
-    )
+    found = []
+    for stream in kind.streams:
+        message, rate_hz = slower.get(stream.message, (stream.message, stream.rate_hz))
+        found.append(dataclasses.replace(stream, message=message, rate_hz=rate_hz))
+    return tuple(found)
 
 
 def _collect(
@@ -214,12 +219,7 @@ def _collect(
     for values in columns.values():
         inside &= np.isfinite(values).all(axis=1)
     stamps = _stamp(time, records[0].setups[0], logging, float(offsets[-1]))
-    return _MessageRows(
-        stream=stream,
-        true_s=time[inside],
-        stamp_s=stamps[inside],
-        values={name: values[inside] for name, values in columns.items()},
-    )
+    return _MessageRows(stream=stream, true_s=time, stamp_s=stamps, values=columns).where(inside)
 
 
 def _stamp(time_s: FloatArray, setup: Setup, logging: Logging, end_s: float) -> FloatArray:
@@ -266,7 +266,9 @@ def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
             # Outputs from idle, which is none, to full, in Betaflight's order of motors.
             values = channels[_PER_MOTOR[name]][index][:, motor_order(setup)]
     elif name == "stick":
-        values = _sticks(record)[index]
+        # What asks for angles up to the limit.
+        tilt_rad = setup.reference.tilt_rad
+        values = _in_flight(record, tilt_rad / np.radians(ANGLE_LIMIT_DEG), outside=0.0)[index]
     elif name == "body_rate_raw" and setup.autopilot == "betaflight":
         values = channels["gyro"][index]
     elif name == "body_rate_raw":
@@ -279,7 +281,9 @@ def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
     elif name == "output_pwm":
         values = _pulse_width(record, index)
     elif name == "sysid_chirp":
-        values = _injection(record)[index]
+        # The torque that the test mode adds in the next loop; outside the manoeuvre it is not logged.
+        torque = setup.reference.torque.sum(axis=1, keepdims=True)
+        values = _in_flight(record, torque, outside=np.nan, loops_earlier=1)[index]
     elif name == "lift_max":
         values = thrust_of_throttle(channels["voltage_filtered"][index], setup.firmware_expo)
     elif name == "battery_voltage":
@@ -289,21 +293,14 @@ def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
     return values.astype(np.float32).astype(np.float64)
 
 
-def _injection(record: Record) -> FloatArray:
-    """Torque that the test mode adds in the next loop; NaN, which is not logged, outside the manoeuvre."""
+def _in_flight(
+    record: Record, manoeuvre: FloatArray, *, outside: float, loops_earlier: int = 0
+) -> FloatArray:
+    """Return a manoeuvre's values (n, n_columns) as part of the whole flight's (n_steps, n_columns)."""
     setup = record.setups[0]
-    values = np.full((record.time_s.size, 1), np.nan)
-    begin = round(setup.schedule.manoeuvre_s * setup.loop_hz) - 1
-    torque = setup.reference.torque.sum(axis=1, keepdims=True)
-    values[begin : begin + torque.shape[0]] = torque
-    return values
-
-
-def _sticks(record: Record) -> FloatArray:
-    """Return the sticks of roll and pitch, which ask for angles up to the limit, shape (n_steps, 2)."""
-    setup, tilt_rad = record.setups[0], record.setups[0].reference.tilt_rad
-    values, begin = np.zeros((record.time_s.size, 2)), round(setup.schedule.manoeuvre_s * setup.loop_hz)
-    values[begin : begin + len(tilt_rad)] = tilt_rad / np.radians(ANGLE_LIMIT_DEG)
+    values = np.full((record.time_s.size, manoeuvre.shape[1]), outside)
+    begin = round(setup.schedule.manoeuvre_s * setup.loop_hz) - loops_earlier
+    values[begin : begin + len(manoeuvre)] = manoeuvre
     return values
 
 
@@ -336,6 +333,9 @@ def _pulse_width(record: Record, index: IntArray) -> FloatArray:
 
 def _events(records: tuple[Record, ...], offsets: FloatArray, logging: Logging) -> list[_MessageRows]:
     """Rows where the log begins, and where the vehicle arms, takes off, lands and disarms."""
+    setup = records[0].setups[0]
+    if setup.autopilot == "betaflight":
+        return []
     armed, landed = [(0.0, 0.0)], [(0.0, 1.0)]
     for record, offset in zip(records, offsets[:-1].tolist(), strict=True):
         schedule = record.setups[0].schedule
@@ -343,19 +343,14 @@ def _events(records: tuple[Record, ...], offsets: FloatArray, logging: Logging) 
         armed += [(offset + schedule.arm_s, 1.0), (offset + schedule.disarm_s, 0.0)]
         if airborne_s.size:
             landed += [(offset + float(airborne_s[0]), 0.0), (offset + float(airborne_s[-1]), 1.0)]
-    ardupilot = records[0].setups[0].autopilot == "ardupilot"
-    if records[0].setups[0].autopilot == "betaflight":
-        return []
-    streams = (
-        Stream(message="ARM", signals=(("armed", "ArmState"),)),
-        Stream(message="EV", signals=(("landed", "Id"),)),
-        Stream(message="actuator_armed", signals=(("armed", "armed"),)),
-        Stream(message="vehicle_land_detected", signals=(("landed", "landed"),)),
-    )
-    chosen = streams[:2] if ardupilot else streams[2:]
+    names = (("actuator_armed", "armed"), ("vehicle_land_detected", "landed"))
+    if setup.autopilot == "ardupilot":
+        names = (("ARM", "ArmState"), ("EV", "Id"))
     return [
-        _event_rows(stream, events, records[0].setups[0], logging, float(offsets[-1]))
-        for stream, events in zip(chosen, (armed, landed), strict=True)
+        _event_rows(
+            Stream(message=message, signals=((signal, field),)), events, setup, logging, float(offsets[-1])
+        )
+        for (message, field), signal, events in zip(names, ("armed", "landed"), (armed, landed), strict=True)
     ]
 
 
@@ -391,14 +386,7 @@ def _drop(
             for begin, length in zip(begins, bursts, strict=True):
                 lost |= (rows.true_s >= begin) & (rows.true_s < begin + length)
         n_dropped += int(lost.sum())
-        kept.append(
-            _MessageRows(
-                stream=rows.stream,
-                true_s=rows.true_s[~lost],
-                stamp_s=rows.stamp_s[~lost],
-                values={name: values[~lost] for name, values in rows.values.items()},
-            )
-        )
+        kept.append(rows.where(~lost))
     return kept, n_dropped
 
 

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from quadid_logs.maths.rotations import Component
-from quadid_logs.simulate.components import stacked
-from quadid_logs.simulate.control import Arithmetic
+from quadid_logs.simulate.control import Arithmetic, stacked
 from quadid_logs.simulate.effects import Effects
 
 #: Of a cell [V]: full (``CELL_VOLTAGE_FULL_CV``), and the warning's default, where nothing is held back.

@@ -137,14 +137,12 @@ def figures(experiment: Experiment) -> dict[str, bytes]:
         "windows.png": _figure_windows(experiment),
         "tables.png": _figure_tables(experiment),
     }
-    return {name: _png(figure) for name, figure in drawn.items()}
-
-
-def _png(figure: Figure) -> bytes:
-    """Render a figure."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130, metadata={"Software": None})
-    return buffer.getvalue()
+    found = {}
+    for name, figure in drawn.items():
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=130, metadata={"Software": None})
+        found[name] = buffer.getvalue()
+    return found
 
 
 def _figure_4(runs: tuple[Run, Run, Run]) -> Figure:
