@@ -229,7 +229,7 @@ class _Entry:
 
 
 def entry(place: str) -> Any:
-    """Return a member of an autopilot that stands in another module, imported when it is first asked for.
+    """Return a member of an autopilot that stands in another module, imported when it is first used.
 
     Parameters
     ----------
