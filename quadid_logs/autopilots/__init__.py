@@ -42,7 +42,7 @@ class Reader(Protocol):
     """Reads a file of one format."""
 
     def __call__(self, path: str | Path, *, system: int = 0) -> FlightLog:
-        """Return the log; `system` is the MAVLink system to read, 0 chooses."""
+        """Return the log; `system` is the MAVLink system to read, 0 chooses: a file may hold several."""
 
 
 class NumberedReader(Protocol):
@@ -162,7 +162,10 @@ class Autopilot:
         controllers: FlownControllers,  # noqa: ARG002
         intervals: Sequence[tuple[float, float]],  # noqa: ARG002
     ) -> Mapping[str, ReplayInput]:
-        """Return by axis the rows and the law to replay; intervals are on the log's own clock."""
+        """Return by axis the rows and the law to replay them with; nothing where too little was logged.
+
+        ``intervals`` are flights, (start_s, end_s) on the log's own clock; none for the whole log.
+        """
         return {}
 
     def outer_controllers(self, parameters: Mapping[str, float]) -> OuterControllers | None:  # noqa: ARG002
@@ -175,7 +178,10 @@ class Autopilot:
         parameters: Mapping[str, float],  # noqa: ARG002
         intervals: Sequence[tuple[float, float]],  # noqa: ARG002
     ) -> AttitudeRows | None:
-        """Return what the attitude controller's law makes, beside what was logged."""
+        """Return what the attitude controller's law makes, beside what was logged; None without either.
+
+        ``intervals`` as of `replay_inputs`.
+        """
         return None
 
     def shaper_rows(
@@ -184,7 +190,10 @@ class Autopilot:
         parameters: Mapping[str, float],  # noqa: ARG002
         intervals: Sequence[tuple[float, float]],  # noqa: ARG002
     ) -> ShaperRows | None:
-        """Return wanted angles, and what an input shaper makes of them; None where either is missing."""
+        """Return wanted angles, and what an input shaper makes of them; None where either is missing.
+
+        ``intervals`` as of `replay_inputs`.
+        """
         return None
 
     def tunable(
@@ -207,7 +216,11 @@ class Autopilot:
         parameters: Mapping[str, float],  # noqa: ARG002
         lines: Sequence[Line],  # noqa: ARG002
     ) -> FilterChoices:
-        """Return what of the filters may be set, for the lines of the gyro's spectrum."""
+        """Return what of the filters may be set.
+
+        ``parameters`` flew: what is not among them, this version does not have. ``lines`` are those of the
+        gyro's spectrum about all axes.
+        """
         from quadid_logs.data.tuning import FilterChoices
 
         return FilterChoices()

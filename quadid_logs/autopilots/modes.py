@@ -67,11 +67,3 @@ def in_modes(modes: Sequence[ModeChange], names: Collection[str], time_s: FloatA
     order = np.argsort([one.time_s for one in modes], kind="stable")
     starts = np.array([one.time_s for one in modes])[order]
     return np.asarray(on[order][np.maximum(np.searchsorted(starts, time_s, side="right") - 1, 0)], np.bool_)
-
-
-def gains_named(names: Sequence[str], parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
-    """Return the parameters of roll, pitch and yaw with these names; None where one is missing."""
-    if any(name not in parameters for name in names):
-        return None
-    roll, pitch, yaw = (parameters[name] for name in names)
-    return roll, pitch, yaw

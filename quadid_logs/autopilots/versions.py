@@ -65,5 +65,13 @@ def by_short_names(
     return found | {short: optional[short] if value is None else value for short, value in rest.items()}
 
 
+def gains_named(names: Sequence[str], parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
+    """Return the parameters of roll, pitch and yaw with these names; None where one is missing."""
+    if any(name not in parameters for name in names):
+        return None
+    roll, pitch, yaw = (parameters[name] for name in names)
+    return roll, pitch, yaw
+
+
 def _words(version: tuple[int, int]) -> str:
     return ".".join(str(number) for number in version)

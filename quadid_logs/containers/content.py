@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO, Final, Self, TypeAlias
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
-from quadid_logs.data.log import LostBytes
+from quadid_logs.data.log import LostBytes, MessageCount
 from quadid_logs.errors import LogError
 
 Bytes: TypeAlias = NDArray[np.uint8]
@@ -206,6 +206,16 @@ def mean_rate_hz(count: int, time: FloatArray | None, unit_s: float = 1.0) -> fl
     """
     duration_s = float(time[-1] - time[0]) * unit_s if time is not None and len(time) > 1 else 0.0
     return (count - 1) / duration_s if duration_s > 0.0 else float("nan")
+
+
+def message_counts(
+    counts: Mapping[str, int], times: Mapping[str, FloatArray | None]
+) -> tuple[MessageCount, ...]:
+    """Return rows and mean rate of every message type by name, from its first and last time [s]."""
+    return tuple(
+        MessageCount(name=name, count=count, rate_hz=mean_rate_hz(count, times.get(name)))
+        for name, count in sorted(counts.items())
+    )
 
 
 def time_before(position: IntArray, known_at: IntArray, known_s: FloatArray) -> FloatArray:

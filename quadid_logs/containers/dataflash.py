@@ -267,7 +267,15 @@ def _gather(
         {label: field for label, field in definition.fields().items() if labels is None or label in labels}
         for definition, _ in groups
     ]
-    columns = [_empty_columns(of, len(positions)) for of, (_, positions) in zip(fields, groups, strict=True)]
+    columns: list[dict[str, AnyArray]] = []
+    for of, (_, positions) in zip(fields, groups, strict=True):
+        # Of the stored type, or float where a scale applies.
+        dtypes = {
+            label: np.dtype(kind.dtype if kind.divisor == 1.0 else "<f8") for label, (kind, _) in of.items()
+        }
+        columns.append(
+            {label: np.empty((len(positions), *each.shape), each.base) for label, each in dtypes.items()}
+        )
     groups_of = _groups_of_blocks(groups, content.n_bytes)
     for start, part in content.blocks(_GATHER_BYTES, _LONGEST_MESSAGE):
         stop = min(start + _GATHER_BYTES, content.n_bytes)
@@ -296,15 +304,6 @@ def _groups_of_blocks(groups: list[tuple[MessageDefinition, AnyArray]], n_bytes:
         for block in range(int(positions[0]) // _GATHER_BYTES, int(positions[-1]) // _GATHER_BYTES + 1):
             groups_of[block].append(number)
     return groups_of
-
-
-def _empty_columns(fields: dict[str, tuple[FormatCharacter, int]], n_rows: int) -> dict[str, AnyArray]:
-    """Allocate one column per field, of the stored type, or float where a scale applies."""
-    columns = {}
-    for label, (kind, _) in fields.items():
-        dtype = np.dtype(kind.dtype if kind.divisor == 1.0 else "<f8")
-        columns[label] = np.empty((n_rows, *dtype.shape), dtype.base)
-    return columns
 
 
 def _gather_rows(

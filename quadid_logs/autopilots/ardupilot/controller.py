@@ -24,8 +24,7 @@ from quadid_logs.autopilots.discrete import (
     integrator,
     notches_named,
 )
-from quadid_logs.autopilots.modes import gains_named
-from quadid_logs.autopilots.versions import by_short_names, finite, read_version
+from quadid_logs.autopilots.versions import by_short_names, finite, gains_named, read_version
 from quadid_logs.data.controller import (
     AxisController,
     ControllerRemark,
@@ -61,12 +60,7 @@ _ANGLE_GAINS: Final = (
 
 
 def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
-    """Return the gains from angles to rate set-points; see `Autopilot.angle_gains`.
-
-    Returns
-    -------
-    tuple of float, or None
-        [1/s]
+    """Return the gains from angles to rate set-points [1/s]; see `Autopilot.angle_gains`.
 
     Notes
     -----

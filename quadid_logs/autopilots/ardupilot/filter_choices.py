@@ -40,15 +40,7 @@ _BELOW: Final = 0.9
 
 
 def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]) -> FilterChoices:
-    """Return what may be set.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        That flew: what is not among them, this version does not have.
-    lines : sequence of Line
-        Of the gyro's spectrum about all axes.
-    """
+    """Return what may be set; see `Autopilot.filter_choices`."""
     shared = low_passes_on(parameters, {"INS_GYRO_FILTER": _GYRO})
     return FilterChoices(
         shared=(shared,) if shared else (),

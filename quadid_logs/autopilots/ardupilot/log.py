@@ -31,9 +31,9 @@ from quadid_logs.autopilots.ardupilot.signals import (
 from quadid_logs.autopilots.sources import build_signals
 from quadid_logs.autopilots.utc import gps_utc_s, utc_offset_s
 from quadid_logs.containers import dataflash, dataflash_text
-from quadid_logs.containers.content import mean_rate_hz
+from quadid_logs.containers.content import message_counts
 from quadid_logs.containers.message_table import MessageSource, MessageTable, damaged_numbers_pass
-from quadid_logs.data.log import FlightLog, LogText, MessageCount, ModeChange, ParameterChange, whole_number
+from quadid_logs.data.log import FlightLog, LogText, ModeChange, ParameterChange, whole_number
 from quadid_logs.vocabulary import AXES
 
 #: Their PIDR, PIDP and PIDY steer surfaces and work in degrees.
@@ -52,11 +52,6 @@ _MEDIUM_HZ: Final = 10.0
 def read_binary(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (one vehicle per file)
     """Read a DataFlash binary log.
 
-    Parameters
-    ----------
-    system : int
-        Not used: a DataFlash file holds one vehicle.
-
     Raises
     ------
     LogNotFoundError, EmptyLogError, UnknownFormatError
@@ -69,11 +64,6 @@ def read_binary(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG
 
 def read_text(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (one vehicle per file)
     """Read a DataFlash text log.
-
-    Parameters
-    ----------
-    system : int
-        Not used: a DataFlash file holds one vehicle.
 
     Raises
     ------
@@ -164,7 +154,9 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         texts=texts,
         lost=source.lost,
         n_dropped=_dropped(tables),
-        counts=_counts(source),
+        counts=message_counts(
+            source.counts, {name: own_time(table) for name, table in source.first_and_last().items()}
+        ),
         has_time=clock.has_time,
         is_nominal_time=clock.is_nominal,
         utc_offset_s=_utc_offset_s(tables.get("GPS"), clock),
@@ -247,15 +239,6 @@ def _dropped(tables: Mapping[str, MessageTable]) -> int:
     if performance is not None and performance.has_numbers("LogDrop"):
         return int(np.clip(performance.integers("LogDrop"), 0, None).sum())
     return 0
-
-
-def _counts(source: MessageSource) -> tuple[MessageCount, ...]:
-    """Return rows and mean rate of every message type, from its first and last time."""
-    times = {name: own_time(table) for name, table in source.first_and_last().items()}
-    return tuple(
-        MessageCount(name=name, count=count, rate_hz=mean_rate_hz(count, times.get(name)))
-        for name, count in sorted(source.counts.items())
-    )
 
 
 def _remarks(

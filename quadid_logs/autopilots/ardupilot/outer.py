@@ -213,17 +213,9 @@ def square_root(error: FloatArray, gain: float, limit: float, step_s: FloatArray
 def attitude_rows(
     log: FlightLog, parameters: Mapping[str, float], intervals: Sequence[Interval]
 ) -> AttitudeRows | None:
-    """Replay the attitude controller on the rows of its target.
+    """Replay the attitude controller on the rows of its target; see `Autopilot.attitude_rows`.
 
-    Parameters
-    ----------
-    intervals : sequence of (start_s, end_s)
-        Flights on the log's own clock; none for the whole log.
-
-    Returns
-    -------
-    AttitudeRows or None
-        None where target and attitude were not logged together at the loop's rate.
+    None where target and attitude were not logged together at the loop's rate.
 
     Notes
     -----
@@ -294,17 +286,9 @@ def _forward(
 def shaper_rows(
     log: FlightLog, parameters: Mapping[str, float], intervals: Sequence[Interval]
 ) -> ShaperRows | None:
-    """Replay the input shaper where position control wants angles.
+    """Replay the input shaper where position control wants angles; see `Autopilot.shaper_rows`.
 
-    Parameters
-    ----------
-    intervals : sequence of (start_s, end_s)
-        Flights on the log's own clock; none for the whole log.
-
-    Returns
-    -------
-    ShaperRows or None
-        None without accelerations that were wanted, or without a shaper.
+    None without accelerations that were wanted, or without a shaper.
 
     Notes
     -----

@@ -36,17 +36,9 @@ _FIRST_MIXER_AXIS: Final = 10
 def replay_inputs(
     log: FlightLog, controllers: FlownControllers, intervals: Sequence[Interval]
 ) -> dict[str, ReplayInput]:
-    """Return by axis the rows and the law to replay them with.
+    """Return by axis the rows and the law to replay them with; see `Autopilot.replay_inputs`.
 
-    Parameters
-    ----------
-    intervals : sequence of (start_s, end_s)
-        Flights on the log's own clock; none for the whole log.
-
-    Returns
-    -------
-    dict of str to ReplayInput
-        Empty where set-point, rate and output were not logged together.
+    Nothing where set-point, rate and output were not logged together.
     """
     setpoint = next(iter(log.candidates("body_rate_setpoint")), None)
     rate = setpoint and in_step(log, "body_rate", setpoint)

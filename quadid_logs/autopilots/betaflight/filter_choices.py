@@ -24,17 +24,9 @@ _HARMONICS: Final = 3
 
 
 def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]) -> FilterChoices:  # noqa: ARG001
-    """Return what may be set; all axes share these filters.
+    """Return what may be set, see `Autopilot.filter_choices`; all axes share these filters.
 
-    Parameters
-    ----------
-    lines : sequence of Line
-        Of the gyro's spectrum about all axes.
-
-    Returns
-    -------
-    FilterChoices
-        The low-passes of the gyro go together, and those of D.
+    The low-passes of the gyro go together, and those of D.
     """
     both = (_ranges(parameters, names) for names in (GYRO_LOW_PASSES, D_LOW_PASSES))
     harmonics = sorted_lines(lines).harmonics

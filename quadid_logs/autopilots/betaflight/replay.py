@@ -79,17 +79,9 @@ class _Logged(NamedTuple):
 def replay_inputs(
     log: FlightLog, controllers: FlownControllers, intervals: Sequence[Interval]
 ) -> dict[str, ReplayInput]:
-    """Return by axis the rows and the law to replay them with.
+    """Return by axis the rows and the law to replay them with; see `Autopilot.replay_inputs`.
 
-    Parameters
-    ----------
-    intervals : sequence of (start_s, end_s)
-        Flights on the log's own clock; none for the whole log.
-
-    Returns
-    -------
-    dict of str to ReplayInput
-        Without axes whose terms were not logged.
+    Without axes whose terms were not logged.
     """
     held = {each.axis: each for each in log.controller_terms if "P" in each.values}
     axes = [axis for axis in controllers.axes if axis in held]

@@ -26,11 +26,6 @@ _CONTROLLERS: Final = {
 def read(path: str | Path, *, system: int = 0) -> FlightLog:
     """Read a micro-SD log of a Crazyflie into canonical signals.
 
-    Parameters
-    ----------
-    system : int
-        Has no effect: a log holds one vehicle.
-
     Returns
     -------
     FlightLog

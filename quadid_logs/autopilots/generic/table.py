@@ -39,11 +39,6 @@ def is_mine(head: bytes) -> bool:
 def read(path: str | Path, *, system: int = 0) -> FlightLog:
     """Read a table into canonical signals.
 
-    Parameters
-    ----------
-    system : int
-        Has no effect: a table holds one vehicle.
-
     Returns
     -------
     FlightLog

@@ -19,7 +19,6 @@ from quadid_logs.autopilots.discrete import (
     notches_named,
     unit,
 )
-from quadid_logs.autopilots.modes import gains_named
 from quadid_logs.autopilots.px4.filters import (
     cutoff_hz,
     derivative_filter,
@@ -28,7 +27,7 @@ from quadid_logs.autopilots.px4.filters import (
     parameter_filter,
     rotor_notches,
 )
-from quadid_logs.autopilots.versions import by_short_names, finite, read_version
+from quadid_logs.autopilots.versions import by_short_names, finite, gains_named, read_version
 from quadid_logs.data.controller import (
     AxisController,
     ControllerRemark,
@@ -64,12 +63,7 @@ _ANGLE_GAINS: Final = ("MC_ROLL_P", "MC_PITCH_P", "MC_YAW_P")
 
 
 def angle_gains(mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
-    """Return the gains from angles to rate set-points; see `Autopilot.angle_gains`.
-
-    Returns
-    -------
-    tuple of float, or None
-        [1/s]
+    """Return the gains from angles to rate set-points [1/s]; see `Autopilot.angle_gains`.
 
     Notes
     -----

@@ -26,15 +26,7 @@ _BY_ROTORS: Final = 1
 
 
 def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]) -> FilterChoices:
-    """Return what may be set; all axes share these filters.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        That flew: what is not among them, this version does not have.
-    lines : sequence of Line
-        Of the gyro's spectrum about all axes.
-    """
+    """Return what may be set, see `Autopilot.filter_choices`; all axes share these filters."""
     on = low_passes_on(parameters, dict.fromkeys(_SHARED, _CUTOFF))
     return FilterChoices(
         shared=tuple({name: ends} for name, ends in on.items()),

@@ -40,11 +40,6 @@ _NAMED: Final = 4
 def read(path: str | Path, *, system: int = 0) -> FlightLog:
     """Read a ULog file into canonical signals.
 
-    Parameters
-    ----------
-    system : int
-        Has no effect: a ULog holds one vehicle.
-
     Raises
     ------
     EmptyLogError

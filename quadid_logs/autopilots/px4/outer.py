@@ -188,17 +188,9 @@ def _horizontal(parameters: Mapping[str, float]) -> CascadeController | None:
 def attitude_rows(
     log: FlightLog, parameters: Mapping[str, float], intervals: Sequence[Interval]
 ) -> AttitudeRows | None:
-    """Replay the attitude controller on the rate set-points whose attitude and set-point were logged.
+    """Replay the attitude controller on rate set-points; see `Autopilot.attitude_rows`.
 
-    Parameters
-    ----------
-    intervals : sequence of (start_s, end_s)
-        Flights on the log's own clock; none for the whole log.
-
-    Returns
-    -------
-    AttitudeRows or None
-        None where too few of them were logged.
+    None where their attitude and its set-point were logged too seldom.
 
     Notes
     -----

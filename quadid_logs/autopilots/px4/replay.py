@@ -31,17 +31,9 @@ _STEPS_S: Final = (0.125e-3, 20e-3)
 def replay_inputs(
     log: FlightLog, controllers: FlownControllers, intervals: Sequence[Interval]
 ) -> dict[str, ReplayInput]:
-    """Return by axis the rows and the law to replay them with.
+    """Return by axis the rows and the law to replay them with; see `Autopilot.replay_inputs`.
 
-    Parameters
-    ----------
-    intervals : sequence of (start_s, end_s)
-        Flights on the log's own clock; none for the whole log.
-
-    Returns
-    -------
-    dict of str to ReplayInput
-        Empty where set-point, rate and output were not logged.
+    Nothing where set-point, rate or output were not logged.
     """
     names = ("body_rate_setpoint", "body_rate", "torque_command")
     found = [next(iter(log.candidates(name)), None) for name in names]

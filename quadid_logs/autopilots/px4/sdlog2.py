@@ -16,11 +16,11 @@ from quadid_logs.autopilots.generic.mav_type import frame_words, vehicle_type_of
 from quadid_logs.autopilots.modes import mode_changes
 from quadid_logs.autopilots.px4.identity import airframe_words
 from quadid_logs.autopilots.sources import Part, Source, build_signals, messages_of, plain
-from quadid_logs.containers.content import mean_rate_hz
+from quadid_logs.containers.content import message_counts
 from quadid_logs.containers.dataflash import DataFlashFile, check_not_empty
 from quadid_logs.containers.message_table import MessageTable, damaged_numbers_pass
 from quadid_logs.containers.sdlog2 import TimeRecords
-from quadid_logs.data.log import FlightLog, MessageCount, ModeChange, whole_number
+from quadid_logs.data.log import FlightLog, ModeChange, whole_number
 
 #: ARMING_STATE_ARMED and ARMING_STATE_ARMED_ERROR of vehicle_status.msg.
 _ARMED_STATES: Final = (2, 3)
@@ -69,11 +69,6 @@ _LABELS: Final = frozenset({"StartTime", "Name", "Value", "FwGit", "Arch", "Main
 def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (one vehicle per file)
     """Read a legacy PX4 log.
 
-    Parameters
-    ----------
-    system : int
-        Not used: an sdlog2 file holds one vehicle.
-
     Raises
     ------
     LogNotFoundError, EmptyLogError, UnknownFormatError
@@ -109,10 +104,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (on
         parameters=parameters,
         modes=modes,
         lost=file.lost,
-        counts=tuple(
-            MessageCount(name=name, count=count, rate_hz=mean_rate_hz(count, times.get(name)))
-            for name, count in sorted(file.counts.items())
-        ),
+        counts=message_counts(file.counts, times),
         has_time=clock.has_time,
         remarks=("Rows take the time of the TIME record before them (sdlog2 logs no other).",),
     )
