@@ -87,10 +87,6 @@ class Calibration:
         return roll, pitch, yaw
 
 
-def _no_rotors() -> FloatArray:
-    return np.zeros((0, 3))
-
-
 class HeldScale(StrEnum):
     """What stays the same of a thrust curve, whatever its expo: by this its scale is known."""
 
@@ -210,7 +206,7 @@ class TorqueModel:
 
     frame: str = ""
     frame_source: str = ""
-    position: FloatArray = field(default_factory=_no_rotors)
+    position: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     position_unit: str = "arm length"
     spin: FloatArray = field(default_factory=lambda: np.zeros(0))
     allocation: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))

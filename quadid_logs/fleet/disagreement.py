@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -184,15 +184,7 @@ def _explain(one: Series, known: _Known, n_tests: int, *, is_last: bool, found: 
         found.changes.setdefault(first, []).append(shift)
         if not ends_with_log:
             back = known.flight[begins + n_differ]
-            repaired = Shift(
-                name=shift.name,
-                axis=shift.axis,
-                before=shift.after,
-                after=shift.before,
-                margin=shift.margin,
-                half_width=shift.half_width,
-                p_value=shift.p_value,
-            )
+            repaired = replace(shift, before=shift.after, after=shift.before)
             found.changes.setdefault(int(back), []).append(repaired)
 
 

@@ -180,24 +180,21 @@ class _Dispatcher:
         return sum(self._client.nthreads().values())
 
     def _settle(self, task: Task, future: Any, waiting: deque[Task]) -> None:
-        """Take an outcome, or find out why there is none."""
-        try:
-            failed: BaseException | None = future.exception() if future.status == "error" else None
-            outcome: Outcome | None = None if failed else future.result()
-        except (load("distributed", "fleet").CancelledError, OSError) as error:
-            raise _SchedulerGoneError from error
-        if failed is not None:
-            self._settle_error(task, failed)
-        elif outcome is not None and not self._events.take(outcome):
-            waiting.append(Task(file=task.file, options=task.options))
-
-    def _settle_error(self, task: Task, error: BaseException) -> None:
-        """Tell a killed worker, and what stops the whole run, from what is wrong with one log."""
+        """Take an outcome; or tell a killed worker, and what stops the whole run, from a log that fails."""
         from quadid_logs.fleet.worker import ProcessDiedError
 
-        if isinstance(error, ProcessDiedError):
+        distributed = load("distributed", "fleet")
+        try:
+            error: BaseException | None = future.exception() if future.status == "error" else None
+            outcome: Outcome | None = None if error else future.result()
+        except (distributed.CancelledError, OSError) as gone:
+            raise _SchedulerGoneError from gone
+        if error is None:
+            if outcome is not None and not self._events.take(outcome):
+                waiting.append(Task(file=task.file, options=task.options))
+        elif isinstance(error, ProcessDiedError):
             self._put_on_retry_list(task, f"Analyzing it killed the process ({error})")
-        elif isinstance(error, load("distributed", "fleet").KilledWorker):
+        elif isinstance(error, distributed.KilledWorker):
             self._put_on_retry_list(task, "Its workers died")
         elif isinstance(error, QuadidError):
             raise error

@@ -357,11 +357,6 @@ def _columns(database: sqlite3.Connection) -> frozenset[str]:
     return frozenset(name for (name,) in database.execute("SELECT name FROM pragma_table_info('fleet')"))
 
 
-def _text(content: bytes) -> str:
-    """Decode a text of the database, whatever it holds."""
-    return content.decode("utf-8", "replace")
-
-
 @contextmanager
 def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
     """Open a store that is not to be changed."""
@@ -375,7 +370,8 @@ def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
         with closing(
             sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=_PATIENCE_S)
         ) as database:
-            database.text_factory = _text
+            # Whatever the database holds.
+            database.text_factory = lambda content: content.decode("utf-8", "replace")
             yield database
     except sqlite3.DatabaseError as error:
         raise SettingsError(

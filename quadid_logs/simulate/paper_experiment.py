@@ -122,25 +122,23 @@ def _fly(frequencies_rad_s: tuple[float, ...]) -> Run:
 
 
 def _estimate(label: str, runs: tuple[Run, Run, Run], *, exact: bool) -> PaperEstimate:
-    """Solve row n of [A B] from run n, for every window of six samples."""
-    rows = [_solve_row(run, axis, exact=exact) for axis, run in enumerate(runs)]
-    coefficients = np.stack([row[0] for row in rows], axis=1)
+    """Solve row n of [A B] from run n by eq. (10), for every window of six samples."""
+    solutions = []
+    for axis, run in enumerate(runs):
+        p, q, r = run.rate_rad_s.T
+        regressors = np.column_stack([q * r, p * r, p * q, run.torque_n_m])[:-1]
+        targets = run.acceleration_rad_s2[:-1] if exact else np.diff(run.rate_rad_s, axis=0)
+        solutions.append(
+            solve_windows(
+                stack_windows(regressors, width=WIDTH, stride=1),
+                stack_windows(targets[:, axis : axis + 1], width=WIDTH, stride=1),
+            )
+        )
+    coefficients = np.stack([one.coefficients[:, 0] for one in solutions], axis=1)
     return PaperEstimate(
         label=label,
         A=coefficients[:, :, :3],
         B=coefficients[:, :, 3:],
-        rank=np.stack([row[1] for row in rows], axis=1),
-        condition_number=np.stack([row[2] for row in rows], axis=1),
+        rank=np.stack([one.rank for one in solutions], axis=1),
+        condition_number=np.stack([one.condition_number for one in solutions], axis=1),
     )
-
-
-def _solve_row(run: Run, axis: int, *, exact: bool) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Solve eq. (10) of one row for all windows: coefficients, rank, condition number."""
-    p, q, r = run.rate_rad_s.T
-    regressors = np.column_stack([q * r, p * r, p * q, run.torque_n_m])[:-1]
-    targets = run.acceleration_rad_s2[:-1] if exact else np.diff(run.rate_rad_s, axis=0)
-    solution = solve_windows(
-        stack_windows(regressors, width=WIDTH, stride=1),
-        stack_windows(targets[:, axis : axis + 1], width=WIDTH, stride=1),
-    )
-    return solution.coefficients[:, 0], solution.rank, solution.condition_number
