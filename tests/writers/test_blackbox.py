@@ -13,7 +13,8 @@ from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.errors import OutputError, SimulationError
 from quadid_logs.load import read_log
 from quadid_logs.pipeline import analyze
-from quadid_logs.simulate import Simulation, simulate
+from quadid_logs.simulate import Simulation, find_scenario, plan_flights, simulate
+from quadid_logs.simulate.vendors import motor_order
 from quadid_logs.vocabulary import ON_AXIS
 from quadid_logs.writers import write_log
 
@@ -120,6 +121,13 @@ def test_only_a_quad_x_flies_with_betaflight() -> None:
     """Its order of motors is known."""
     with pytest.raises(SimulationError, match="quad X"):
         simulate("octa-coax", duration_s=15.0, rate_hz=100.0, autopilot="betaflight")
+
+
+def test_motors_stand_in_betaflights_order() -> None:
+    """Rear right, front right, rear left, front left (``mixer_init.c``, mixerQuadX)."""
+    (setup,) = plan_flights(find_scenario("sysid-quad-x"), seed=0, duration_s=20.0, rate_hz=400.0)
+    forward_right = np.sign(setup.airframe.position_m[motor_order(setup), :2])
+    assert forward_right.tolist() == [[-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]
 
 
 @pytest.fixture(scope="module")
