@@ -9,6 +9,7 @@ from pathlib import Path
 
 from quadid_logs.align import Prepared, check_part, cut
 from quadid_logs.align.pool import copies, pool
+from quadid_logs.align.repeats import with_common_commands
 from quadid_logs.autopilots import named
 from quadid_logs.control.closed_loop import LoopPart, close_loop
 from quadid_logs.control.findings import find_in_loop
@@ -127,6 +128,7 @@ def _analyze(
     flights = _cut_alike(prepared, settings.align)
     same = copies(flights)
     flights = [replace(each, segments=()) if place in same else each for place, each in enumerate(flights)]
+    flights = with_common_commands(flights)
     data = flights[0] if len(flights) == 1 or not any(each.segments for each in flights) else pool(flights)
     # What is not pooled (sources, airframe, texts) is told of the first log that flew.
     flown = (number for number, each in enumerate(flights) if each.segments)

@@ -80,7 +80,8 @@ class Segment:
         gain times the angle is put back, which leaves that gain times the commanded angle [rad/s]. NaN in
         flight modes whose set-points answer the motion in ways that the log does not tell; None without
         set-points, or where no flight mode is known. Of a planned trajectory the rates that follow from it.
-        Where sticks that ask for angles are logged, those of roll and pitch, as rates.
+        Where sticks that ask for angles are logged, those of roll and pitch, as rates. Of flights that repeat
+        one trajectory the mean torque of the others, in its standard deviations.
     law : ndarray of int, shape (n_samples,), or None
         How the flight mode made set-points of commands, a number for each kind; None where one kind flew.
     velocity_m_s : ndarray, shape (n_samples, 3), or None
@@ -88,6 +89,8 @@ class Segment:
     planned : bool
         The command is a planned trajectory's: few and gentle, and below a hertz it goes with the speed
         through the air.
+    repeated : bool
+        The planned trajectory is known by other flights that repeat it.
     saturated : ndarray of bool, shape (n_samples,)
         The torque could not be achieved, or was clipped.
     flight : int
@@ -105,6 +108,7 @@ class Segment:
     law: IntArray | None = None
     velocity_m_s: FloatArray | None = None
     planned: bool = False
+    repeated: bool = False
     rotor_thrust: FloatArray | None = None
     thrust_by_expo: FloatArray | None = None
     flight: int = 0

@@ -696,6 +696,8 @@ class SpectralFit:
     planned : bool
         What was commanded is a planned trajectory. The torque of its controller follows the motion, and
         explains it well whatever the effectiveness is.
+    repeated : bool
+        The planned trajectory is known by several flights that repeat it.
     effects : tuple of Effect
         What the flight shows beside a linear response, of which the estimate knows.
     shift : float
@@ -717,6 +719,7 @@ class SpectralFit:
     used: bool = False
     alone: bool = False
     planned: bool = False
+    repeated: bool = False
     effects: tuple[Effect, ...] = ()
     shift: float = 0.0
     variation: float = 0.0

@@ -466,6 +466,8 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
             f"The controller of {axis.name} answers its motion: the effectiveness comes from the planned "
             "trajectory alone"
         )
+    if fit.repeated:
+        title = f"The {axis.name} effectiveness comes from what flights of one trajectory have in common"
     return axis.finding("QL535", "warning" if fit.planned else "info", _evidence(axis) | evidence, title)
 
 

@@ -188,6 +188,7 @@ def solve_flight(data: FlightData) -> SpectralSolution | None:
         spectra,
         data.gyro_filter,
         planned=is_planned(data),
+        repeated=is_repeated(data),
         with_speed=has_speed(data),
         moved=moved,
         n_laws=_laws(data).size,
@@ -233,6 +234,7 @@ def solve_spectra(
     gyro_filter: GyroFilter,
     *,
     planned: bool = False,
+    repeated: bool = False,
     with_speed: bool = False,
     moved: Sequence[int] = range(_AXES),
     n_laws: int = 1,
@@ -246,6 +248,8 @@ def solve_spectra(
     planned, with_speed : bool
     moved : sequence of int
         As of `fit_spectra`.
+    repeated : bool
+        The planned trajectory is known by several flights that repeat it.
     n_laws : int
         Kinds of flight modes, each with set-points of its own.
 
@@ -264,7 +268,7 @@ def solve_spectra(
     torque = spectra.values[:, :, _AXES : 2 * _AXES]
     if planned:
         # One instrument an axis, as it is: a first stage of so weak ones would be noise of its own.
-        told = command[:, :, :_AXES]
+        told = command[:, :, :_AXES].copy()
     else:
         from_outside = _from_outside(command, spectra, gyro_filter, n_laws)
         given = np.abs(command).max(axis=(0, 1)) > _SMALLEST
@@ -277,7 +281,22 @@ def solve_spectra(
         for number in axes
     ]
     fits, actuator = fit_axes(moments)
+    if repeated:
+        for axis in moments:
+            told[:, :, axis.number] *= _weights(axis, actuator)
+            axis.told = told[:, :, axis.number]
+        fits, actuator = fit_axes(moments)
+        fits = tuple(replace(fit, repeated=True) for fit in fits)
     return SpectralSolution(fits, moments, actuator, told, spectra, planned)
+
+
+def _weights(axis: AxisMoments, actuator: SharedActuator) -> FloatArray:
+    """Return how much each block counts, shape (n_blocks, 1): the less, the more the equation leaves of it.
+
+    Several flights in different air are no even noise (generalised least squares).
+    """
+    power = np.mean(np.abs(axis.error(axis.solved(actuator)[0], actuator)) ** 2, axis=1)
+    return np.asarray(np.median(power) / np.maximum(power, _TINY))[:, np.newaxis]
 
 
 def blocks_that_turn(spectra: BlockSpectra) -> BoolArray:
@@ -311,6 +330,20 @@ def is_planned(data: FlightData) -> bool:
     """
     told = [segment.planned for segment in data.segments if segment.command is not None]
     return bool(told) and all(told)
+
+
+def is_repeated(data: FlightData) -> bool:
+    """Say whether flights that repeat one trajectory tell what was commanded.
+
+    Parameters
+    ----------
+    data : FlightData
+
+    Returns
+    -------
+    bool
+    """
+    return any(segment.repeated for segment in data.segments)
 
 
 def has_speed(data: FlightData) -> bool:
@@ -356,7 +389,7 @@ def command_records(data: FlightData) -> list[CommandRecord]:
     """
     records, with_speed, laws = [], has_speed(data), _laws(data)
     for segment in data.segments:
-        if segment.command is None or segment.reference is None:
+        if segment.command is None:
             continue
         p, q, r = segment.body_rate_rad_s.T
         command = by_driven_axis(segment.command, segment.torque, segment.time_s)
@@ -365,7 +398,8 @@ def command_records(data: FlightData) -> list[CommandRecord]:
         )
         if laws.size > 1 and segment.law is not None:
             command = _by_law(command, segment.law, laws)
-        put_back = segment.command[:, :_AXES] - segment.reference[:, :_AXES]
+        given = segment.command if segment.planned or segment.reference is None else segment.reference
+        put_back = segment.command[:, :_AXES] - given[:, :_AXES]
         columns = np.column_stack(
             [segment.body_rate_rad_s, segment.torque, q * r, r * p, p * q, put_back, *speed, command]
         )

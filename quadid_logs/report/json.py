@@ -284,6 +284,7 @@ def _spectral(identification: Identification) -> dict[str, Any]:
             "sound": fit.is_sound,
             "used": fit.used,
             "planned": fit.planned,
+            "repeated": fit.repeated,
             "effects": fit.effects,
             "effectiveness_with_effects": 1.0 + fit.shift,
         }

@@ -50,6 +50,30 @@ def test_every_signal_of_the_vocabulary_can_be_given(tmp_path: Path) -> None:
     assert log.candidates("motor_thrust")[0].values.tolist() == [[15.0, 14.0]]
 
 
+def test_columns_of_public_data_sets_are_known_by_their_own_names(tmp_path: Path) -> None:
+    """Set-points of angles, and velocity north, east and down."""
+    names = [
+        *NAMES,
+        "vx_m_s",
+        "vy_m_s",
+        "vz_m_s",
+        "roll_setpoint_rad",
+        "pitch_setpoint_rad",
+        "yaw_setpoint_rad",
+    ]
+    log = read_log(write(tmp_path, ",".join(names), ",".join(str(k) for k in range(len(names)))))
+    assert log.candidates("velocity")[0].values.tolist() == [[4.0, 5.0, 6.0]]
+    assert log.candidates("attitude_setpoint")[0].values.tolist() == [[7.0, 8.0, 9.0]]
+    assert log.candidates("velocity")[0].source == "CSV columns vx_m_s, vy_m_s, vz_m_s"
+
+
+def test_a_canonical_name_comes_before_another_one_for_the_same(tmp_path: Path) -> None:
+    """Both in one table."""
+    names = [*NAMES, "vx_m_s", "v_north_m_s", "v_east_m_s", "v_down_m_s"]
+    log = read_log(write(tmp_path, ",".join(names), "0,1,2,3,4,5,6,7"))
+    assert log.candidates("velocity")[0].values.tolist() == [[5.0, 6.0, 7.0]]
+
+
 @pytest.mark.parametrize(
     ("header", "row"),
     [

@@ -23,6 +23,15 @@ from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
 _TIME: Final = "time_s"
 _FIXED: Final = frozenset(column for spec in SIGNALS.values() for column in spec.columns) | {_TIME}
+#: Names that public data sets have for the same columns, on the same axes.
+_SYNONYMS: Final = {
+    "roll_setpoint_rad": "phi_setpoint_rad",
+    "pitch_setpoint_rad": "theta_setpoint_rad",
+    "yaw_setpoint_rad": "psi_setpoint_rad",
+    "vx_m_s": "v_north_m_s",
+    "vy_m_s": "v_east_m_s",
+    "vz_m_s": "v_down_m_s",
+}
 _NUMBERED: Final = re.compile(
     f"^({'|'.join(name for name, spec in SIGNALS.items() if not spec.columns)})_\\d{{1,2}}$"
 )
@@ -114,8 +123,14 @@ def _log(path: str, cells: table.Cells, n_bytes: int, remarks: Sequence[str]) ->
 
 
 def _canonical_names(names: Sequence[str]) -> list[str]:
-    """Return the names that the vocabulary has, each once, in the order of the table."""
-    return [name for name in dict.fromkeys(names) if name in _FIXED or _NUMBERED.match(name)]
+    """Return the names that the vocabulary knows, each once, in the order of the table."""
+    known = [name for name in dict.fromkeys(names) if name in _FIXED or _NUMBERED.match(name)]
+    return known + [other for name, other in _synonyms(names).items() if name not in known]
+
+
+def _synonyms(names: Sequence[str]) -> dict[str, str]:
+    """Return canonical names that a table has under other ones, with those."""
+    return {_SYNONYMS[name]: name for name in names if name in _SYNONYMS}
 
 
 def _check_names(path: str | Path, names: Sequence[str]) -> list[str]:
@@ -140,7 +155,10 @@ def _signals(cells: table.Cells) -> tuple[dict[str, tuple[Signal, ...]], list[st
     """Build every signal whose columns are complete, and remark on the others."""
     signals: dict[str, tuple[Signal, ...]] = {}
     remarks = []
-    columns = cells.columns
+    synonyms = {
+        name: other for name, other in _synonyms([*cells.columns]).items() if name not in cells.columns
+    }
+    columns = {**cells.columns, **{name: cells.columns[other] for name, other in synonyms.items()}}
     rows = Rows(columns[_TIME], np.arange(len(columns[_TIME]), dtype=np.int64))
     for name, spec in SIGNALS.items():
         # Without columns of its own ``name_1``, ``name_2``, ... as far as the table has them.
@@ -154,7 +172,7 @@ def _signals(cells: table.Cells) -> tuple[dict[str, tuple[Signal, ...]], list[st
                 name=name,
                 rows=rows,
                 values=np.column_stack([columns[column] for column in wanted]),
-                source=f"{cells.kind} columns {', '.join(wanted)}",
+                source=f"{cells.kind} columns {', '.join(synonyms.get(name, name) for name in wanted)}",
                 reason="the table's own column names",
             )
             signals[name] = (signal,)
