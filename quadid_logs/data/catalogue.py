@@ -333,7 +333,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL432",
                 "A propeller is out of balance",
                 "The gyro vibrates at the speed of one rotor more than at the speeds of all others together.",
-                "Replace or balance this propeller, then look at its motor's shaft and mount.",
+                "Replace or balance the propeller of this motor, then look at the motor's shaft and mount.",
                 scope="vehicle",
             ),
             _entry(
@@ -341,8 +341,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "A motor lost its thrust for a moment",
                 "For about a tenth of a second the vehicle turned as if half of one rotor's thrust or more "
                 "were missing. That is how a desync of an ESC looks.",
-                "Look at the motor's wires, solder joints and ESC. If they are sound, raise the ESC's timing "
-                "or start-up power, and its demag compensation.",
+                "Look at the wires, solder joints and ESC of this motor. If they are sound, raise the ESC's "
+                "timing or start-up power, and its demag compensation.",
                 scope="vehicle",
             ),
             _entry(
@@ -430,7 +430,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The effectiveness changed at one moment by more than chance allows: the vehicle changed "
                 "(battery, payload, damage, a propeller), or something other than torque moved it. The "
                 "interval covers the values before and after.",
-                "Look at the figure of estimates over time, and analyze both parts by themselves with "
+                'Look at the figure "Window estimates over time", and analyze both parts by themselves with '
                 "--start-s and --end-s.",
             ),
             _entry(
@@ -575,7 +575,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The thrust per command varies (battery, throttle, ground, another controller), or "
                 "something other than torque moves the vehicle. The residual persists from one half "
                 "second to the next, or grows and shrinks with the modelled motion; noise does neither.",
-                "Look at the figure of estimates over time. Fly the manoeuvre at one throttle, far from"
+                'Look at the figure "Window estimates over time". Fly the manoeuvre at one throttle, far from'
                 " the ground.",
             ),
             _entry(

@@ -76,7 +76,7 @@ class Tracking(Topic):
     ----------
     axes : mapping of str to AxisTracking
     off : Quantity or None
-        Of angles: fraction of the flight in which roll or pitch stays off its set-point.
+        Of angles: fraction of the flight in which roll or pitch stays away from all that was asked lately.
     """
 
     axes: Mapping[str, AxisTracking]

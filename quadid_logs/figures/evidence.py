@@ -21,12 +21,16 @@ from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 KEY: Final = "evidence"
 _TITLE = "Validation data: measured and predicted rates"
 _TITLE_BY_COMMANDS = "Measured and predicted"
-_BY_COMMANDS = (
-    " Air also moves an axis that is marked 'by commands': shown is how strongly it accelerates ({unit}) for "
-    "a torque that was commanded, as measured (dots with 95 % intervals) and of the model."
-)
 #: As long as an eye can follow a manoeuvre [s].
 _CLOSE_LOOK_S = 5.0
+_IN_TIME = (
+    f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis [deg/s]. Simulated from the logged torque "
+    "only, without motion slower than the fitted band ({hz:.2g} Hz)."
+)
+_BY_COMMANDS = (
+    "Air also moves an axis that is marked 'by commands': shown is how strongly it accelerates ({unit}) for "
+    "a torque that was commanded, as measured (dots with 95 % intervals) and of the model."
+)
 #: The band holds this fraction of the held-out errors.
 _HELD = 0.95
 #: Three charts share the width of two thirds of a screen; the fit's own figures show every sample.
@@ -79,7 +83,7 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
         return LeftOut(key=KEY, title=_TITLE, reason=reason)
     verdicts = result.diagnosis.axes
     panels: list[Panel] = []
-    unit = ""
+    unit, in_time_too = "", False
     for axis, symbol, held in zip(AXES, RATE_SYMBOLS, found, strict=True):
         refused = axis in verdicts and verdicts[axis].verdict == "refused"
         r2 = model.validation.r2_high_passed_rate.get(symbol, float("nan"))
@@ -94,13 +98,20 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
         if answer is not None:
             unit = answer.y.unit.replace("^2", "²")
             answer = replace(answer, y=replace(answer.y, label=""))
+        in_time_too |= answer is None
         panels.append(answer or in_time)
     return Figure(
         key=KEY,
         title=_TITLE_BY_COMMANDS if unit else _TITLE,
-        caption=f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis [deg/s]. Simulated from the "
-        f"logged torque only, without motion slower than the fitted band ({slowest_hz(result):.2g} Hz)."
-        + (_BY_COMMANDS.format(unit=unit) if unit else ""),
+        caption=" ".join(
+            filter(
+                None,
+                (
+                    _IN_TIME.format(hz=slowest_hz(result)) if in_time_too else "",
+                    _BY_COMMANDS.format(unit=unit) if unit else "",
+                ),
+            )
+        ),
         panels=tuple(panels),
         columns=3,
         low=True,

@@ -225,8 +225,11 @@ def _filter_words(known: GyroFilter) -> str:
     for group in known.tracked:
         lowest_hz = [min(notch.frequency_hz for notch in notches) for notches in group if notches]
         if lowest_hz:
+            low, high = (number(one, 3) for one in (min(lowest_hz), max(lowest_hz)))
             parts.append(
-                f"notches that moved, the lowest from {min(lowest_hz):.3g} to {max(lowest_hz):.3g} Hz"
+                f"notches that did not move, the lowest at {low} Hz"
+                if low == high
+                else f"notches that moved, the lowest from {low} to {high} Hz"
             )
     return ", ".join(parts)
 

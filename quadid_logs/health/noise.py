@@ -22,6 +22,8 @@ from quadid_logs.vocabulary import AXES
 #: Without set-points a line below this may be a command: there autopilots' filters of set-points end, by
 #: default (docs/health.md) [Hz].
 COMMANDED_HZ: Final = 20.0
+#: Rotors are expected to shake here: the default centre of ArduPilot's notch, INS_HNTCH_FREQ [Hz].
+_ROTOR_HZ: Final = 80.0
 #: With set-points, slower motion than this is that of the angle and position loops [Hz].
 LOWEST_HZ: Final = 1.5
 #: No loop of a multirotor can hold an oscillation above: the fastest published rotors (lag 15 ms), a delay of
@@ -119,7 +121,9 @@ def find_noise(
     in_lines = min(held / power, 1.0) if power > 0.0 else 0.0
     return Noise(
         sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any()), in_lines),
-        judged=bool(searched.any()) and in_lines <= 0.5,
+        judged=bool(searched.any())
+        and in_lines <= 0.5
+        and (any(lines.values()) or float(main.frequency_hz[-1]) >= _ROTOR_HZ),
         after=_shown(after, shown.get("after")),
         before=_shown(before, shown.get("before")),
         lines=lines,
@@ -414,7 +418,8 @@ def _sentence(
         ((axis, line) for axis, found in lines.items() for line in found), key=lambda one: -one[1].height_db
     )
     if not named:
-        told = f"The gyro shows no distinct line up to {number(highest_hz, 3)} Hz, which is normal"
+        told = f"The gyro shows no distinct line up to {number(highest_hz, 3)} Hz"
+        told += ", which is normal" if highest_hz >= _ROTOR_HZ else ""
     else:
         words = []
         for axis, line in named[:_MOST_NAMED]:
@@ -428,5 +433,6 @@ def _sentence(
             told += f". Above {COMMANDED_HZ:.0f} Hz, lines hold {part} % of the gyro's power: {more} all else"
     note = ". Vibration faster than the log can also appear at these frequencies" if folded and named else ""
     if folded and not named:
-        note = ". Faster vibration cannot be seen at this log rate"
+        what = "Faster" if highest_hz >= _ROTOR_HZ else "Most rotors turn faster: their"
+        note = f". {what} vibration cannot be seen at this log rate"
     return f"{told}{note}."

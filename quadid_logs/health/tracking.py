@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from quadid_logs.align.series import GAP_PERIODS, CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray, runs
@@ -20,6 +21,9 @@ from quadid_logs.vocabulary import AXES
 #: Roll or pitch further than this from its set-point for longer than that: a published analyzer of logs
 #: warns, and at the second angle fails (source: docs/health.md) [rad, s].
 _WARN_RAD, _FAIL_RAD, _LASTS_S = (*np.radians((5.0, 10.0)), 0.25)
+#: Who follows late follows: three time constants of an attitude loop (5 % of a step are left then) at
+#: ArduPilot's default ATC_ANG_RLL_P of 4.5 1/s; PX4's MC_ROLL_P is 6.5 1/s [s].
+_LATE_S: Final = 3.0 / 4.5
 #: Roll and pitch are judged; the nose may lag far behind a turn that was commanded at once.
 _TILTING: Final = 2
 
@@ -56,14 +60,14 @@ def find_tracking(
     time_s, values = together
     angles = of == "angles"
     unit = "rad" if angles else "rad/s"
-    axes, errors = {}, []
+    axes, distances = {}, []
     for column, axis in enumerate(AXES):
         asked, flown = values[:, column], values[:, len(AXES) + column]
         error = asked - flown
         if angles:
             error = (error + np.pi) % (2.0 * np.pi) - np.pi
             asked = unwrapped(asked[:, np.newaxis])[:, 0]
-        errors.append(np.abs(error))
+            distances.append(_not_asked(time_s, asked, asked - error))
         axes[axis] = AxisTracking(
             error_rms=Quantity(float(np.sqrt(np.mean(error**2))), unit),
             setpoint_rms=Quantity(float(np.std(asked)), unit),
@@ -71,7 +75,7 @@ def find_tracking(
         )
     if not angles:
         return Tracking(sentence=f"{_sentence(axes, of)} {_followed(axes)}", axes=axes, judged=True)
-    worst = np.maximum.reduce(errors[:_TILTING])
+    worst = np.maximum.reduce(distances[:_TILTING])
     found = _judged(time_s, worst)
     return Tracking(
         sentence=f"{_sentence(axes, of)} {found.sentence}", axes=axes, level=found.level, off=found.off
@@ -84,8 +88,17 @@ class _Judgement(NamedTuple):
     off: Quantity
 
 
+def _not_asked(time_s: FloatArray, asked: FloatArray, flown: FloatArray) -> FloatArray:
+    """Return how far each angle is from all that was asked in the last moments, both unwrapped."""
+    n_rows = 1 + int(np.ceil(_LATE_S / float(np.median(np.diff(time_s)))))
+    origin = (n_rows - 1) // 2
+    low = minimum_filter1d(asked, n_rows, mode="nearest", origin=origin)
+    high = maximum_filter1d(asked, n_rows, mode="nearest", origin=origin)
+    return np.asarray(np.maximum(np.maximum(low - flown, flown - high), 0.0), dtype=np.float64)
+
+
 def _judged(time_s: FloatArray, worst: FloatArray) -> _Judgement:
-    """Say for how much of the flight roll or pitch stays off its set-point, by how much."""
+    """Say for how much of the flight roll or pitch stays off what was asked, by how much."""
     step_s = float(np.median(np.diff(time_s)))
     off_s, largest = 0.0, 0.0
     for first, after in _unbroken(time_s, worst > _WARN_RAD, step_s):
@@ -97,8 +110,8 @@ def _judged(time_s: FloatArray, worst: FloatArray) -> _Judgement:
     warn, fail, most = (float(np.degrees(one)) for one in (_WARN_RAD, _FAIL_RAD, largest))
     if not off_s:
         words = (
-            f"Roll and pitch are never off by more than {warn:.0f} deg for longer than {_LASTS_S:g} s, "
-            "which is normal."
+            f"Roll and pitch follow, some late: they are never more than {warn:.0f} deg from all that was "
+            f"asked in the last {_LATE_S:.1f} s for longer than {_LASTS_S:g} s, which is normal."
         )
         return _Judgement(words, "normal", off)
     level: Level = "severe" if largest >= _FAIL_RAD else "high"
@@ -108,8 +121,9 @@ def _judged(time_s: FloatArray, worst: FloatArray) -> _Judgement:
         else "in a normal flight that never happens"
     )
     words = (
-        f"Roll or pitch is off by more than {warn:.0f} deg for longer than {_LASTS_S:g} s, in "
-        f"{number(100.0 * share, 2)} % of the flight and by up to {most:.0f} deg: {limit}."
+        f"Roll or pitch is more than {warn:.0f} deg from all that was asked in the last {_LATE_S:.1f} s, for "
+        f"longer than {_LASTS_S:g} s, in {number(100.0 * share, 2)} % of the flight and by up to "
+        f"{most:.0f} deg: {limit}."
     )
     return _Judgement(words, level, off)
 
@@ -125,15 +139,26 @@ def _unbroken(time_s: FloatArray, mask: BoolArray, step_s: float) -> list[tuple[
 
 
 def _followed(axes: Mapping[str, AxisTracking]) -> str:
-    """Judge the errors by what a loop would miss by that did not follow at all."""
-    beyond = [axis for axis, one in axes.items() if not one.error_rms.value < one.setpoint_rms.value]
-    if not beyond:
-        return "Every axis misses by less than its set-points move, which is normal."
-    verb = "misses" if len(beyond) == 1 else "miss"
+    """Judge the errors: a loop follows that misses less than half of the set-points' power.
+
+    One that did not follow at all would miss all of it.
+    """
+    little = [
+        axis for axis, one in axes.items() if not 2.0 * one.error_rms.value**2 < one.setpoint_rms.value**2
+    ]
+    beyond = [axis for axis in little if not axes[axis].error_rms.value < axes[axis].setpoint_rms.value]
+    if not little:
+        return "Every axis follows more of its set-points than it misses (in power), which is normal."
+    verb = "misses" if len(beyond or little) == 1 else "miss"
+    told, too = (
+        ("by as much as the set-points move, or more", "instead")
+        if beyond
+        else ("more of the set-points than is followed (in power)", "as well")
+    )
     return (
-        f"{listed(beyond).capitalize()} {verb} by as much as the set-points move, or more: gusts, vibration, "
-        "an oscillation or a limit move the vehicle instead. That is normal only in a hover without commands "
-        "or while a system-ID run moves the motors."
+        f"{listed(beyond or little).capitalize()} {verb} {told}: gusts, vibration, an oscillation or a limit "
+        f"move the vehicle {too}. That is normal only in a hover without commands or while a system-ID run "
+        "moves the motors."
     )
 
 

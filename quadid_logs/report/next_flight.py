@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from typing import Final
 
 from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.data.health import Health
 from quadid_logs.data.result import Result
 from quadid_logs.diagnose.advice import next_steps as ordered_steps
 from quadid_logs.report.commands import filled, on_log, with_next_log
 from quadid_logs.report.model_files import model_formats_of
 from quadid_logs.report.tune_view import headline
 from quadid_logs.report.verdict import refused_names
+from quadid_logs.sentences import listed
 from quadid_logs.tuning import tuning_of
 from quadid_logs.untrusted import printable
 
@@ -42,12 +44,21 @@ def next_steps(result: Result) -> tuple[str, ...]:
 
 def _to_be_mended(result: Result) -> Iterator[str]:
     """Yield what to do about faults of the vehicle, the most urgent first."""
-    topics = () if result.health is None else result.health.topics.values()
-    for topic in topics:
+    health = result.health or Health()
+    for topic in health.topics.values():
         if topic.level in ("high", "severe"):
             yield from (
-                CATALOGUE[code].advice for code in topic.findings if CATALOGUE[code].scope == "vehicle"
+                _with_its_name(code, health) for code in topic.findings if CATALOGUE[code].scope == "vehicle"
             )
+
+
+def _with_its_name(code: str, health: Health) -> str:
+    """Return the advice of a finding; in a list of steps "this motor" has a name."""
+    rotors, advice = health.rotors, CATALOGUE[code].advice
+    if rotors is None:
+        return advice
+    faulty = dict.fromkeys(one.rotor for one in rotors.faults if one.code == code and one.rotor >= 0)
+    return advice.replace("this motor", listed([rotors.names[one] for one in faulty]) or "this motor")
 
 
 def _with_the_model(result: Result) -> Iterator[str]:

@@ -35,6 +35,20 @@ def test_a_line_is_found_within_half_a_hertz(line_hz: float) -> None:
     assert not noise.lines["yaw"]
 
 
+@pytest.mark.parametrize(("rate_hz", "normal"), [(400.0, True), (50.0, False)])
+def test_a_spectrum_that_ends_below_the_rotors_is_not_called_normal(rate_hz: float, normal: bool) -> None:
+    """A log at 25 Hz was told that it has no line up to 12 Hz, "which is normal"; rotors turn faster."""
+    t = grid(rate_hz)
+    gyro, asked = (
+        series(name, t, coloured(seed, t.size, rate_hz))
+        for seed, name in ((3, "body_rate"), (4, "body_rate_setpoint"))
+    )
+    noise = find_noise([gyro], asked, None, None, ((t[0], t[-1]),))
+    assert noise is not None
+    assert ("which is normal" in noise.sentence) is normal
+    assert noise.says_what_is_normal is normal
+
+
 def test_clean_spectra_show_no_line_but_in_one_of_a_hundred() -> None:
     """The p-value counts every bin of all three axes: at most 1 % of flights, of which 40 are flown here.
 

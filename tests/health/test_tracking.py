@@ -144,9 +144,10 @@ def test_the_error_of_a_slow_log_is_that_of_its_own_rows() -> None:
 
 
 def angles_off(by_deg: float, for_s: float):
-    """Return angles that follow, but for one stretch in which roll is off."""
+    """Return angles that follow, but for one stretch in which roll is off while one angle is asked for."""
     t = grid(20.0)
     asked = np.radians(10.0) * coloured(5, t.size, 20.0, 1.0)
+    asked[360 : 420 + round(20.0 * for_s), 0] = np.radians(3.0)
     flown = asked.copy()
     flown[400 : 400 + round(20.0 * for_s), 0] += np.radians(by_deg)
     return series("attitude", t, flown), series("attitude_setpoint", t, asked), ((t[0], t[-1]),)
@@ -157,12 +158,25 @@ def angles_off(by_deg: float, for_s: float):
     [(4.0, 10.0, "normal"), (9.0, 0.15, "normal"), (7.0, 1.0, "high"), (25.0, 1.0, "severe")],
 )
 def test_angles_that_stay_off_their_set_points_are_judged(by_deg: float, for_s: float, level: str) -> None:
-    """As a published analyzer does: 5 and 10 degrees, for a quarter of a second."""
+    """As a published analyzer does: 5 and 10 degrees, for a quarter of a second, of a still set-point."""
     found = find_tracking(*angles_off(by_deg, for_s), {}, of="angles")
     assert found is not None
     assert found.level == level
     assert found.off is not None
     assert found.off.value == pytest.approx(0.0 if level == "normal" else for_s / 60.0, rel=0.01)
+
+
+def test_a_vehicle_that_follows_quick_sticks_late_follows() -> None:
+    """A flown hover with quick sticks, 117 ms late at 5 to 18 degrees, was told not to follow at all."""
+    t = grid(20.0)
+    asked = 0.6 * coloured(3, t.size, 20.0, 1.0)
+    flown = delayed(asked, 20.0, 0.05, 0.15)
+    assert np.degrees(np.abs(asked - flown).max()) > 10.0
+    found = find_tracking(
+        series("attitude", t, flown), series("attitude_setpoint", t, asked), ((t[0], t[-1]),), {}, of="angles"
+    )
+    assert found is not None
+    assert found.level == "normal"
 
 
 def test_a_nose_that_lags_behind_its_set_point_is_not_judged() -> None:
@@ -186,8 +200,24 @@ def test_rates_that_do_not_follow_are_told_from_those_that_do() -> None:
     lost = find_tracking(series("body_rate", rate.time_s, still), setpoint, intervals, {}, of="rates")
     assert following is not None
     assert lost is not None
-    assert "Every axis misses by less" in following.sentence
+    assert "Every axis follows" in following.sentence
     assert "Pitch misses by as much" in lost.sentence
+
+
+@pytest.mark.parametrize(("missed", "normal"), [(0.6, True), (0.8, False)])
+def test_a_loop_that_misses_more_than_it_follows_is_not_normal(missed: float, normal: bool) -> None:
+    """A flown vehicle that missed 49 of the 60 deg/s which were asked was called normal."""
+    t = grid(100.0)
+    asked, gusts = (coloured(seed, t.size, 100.0) for seed in (1, 2))
+    found = find_tracking(
+        series("body_rate", t, asked + missed * gusts),
+        series("body_rate_setpoint", t, asked),
+        ((t[0], t[-1]),),
+        {},
+        of="rates",
+    )
+    assert found is not None
+    assert ("which is normal" in found.sentence) is normal
 
 
 @pytest.mark.parametrize(("rate_hz", "lag_s"), [(20.0, 0.16), (50.0, 0.12), (400.0, 0.09)])

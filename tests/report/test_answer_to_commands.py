@@ -60,6 +60,24 @@ def _roll(result: Result) -> Panel:
     return figure.panels[0]
 
 
+def test_no_simulated_rate_is_described_where_none_is_shown() -> None:
+    """Three axes by commands stood above a sentence on rates simulated from the torque."""
+    found, every = _flown(), replace(FIT, used=True)
+    model, *others = found.identification.models
+    little = replace(model.validation, r2_high_passed_rate=dict.fromkeys("pqr", 0.1))
+    identification = replace(
+        found.identification,
+        models=(replace(model, validation=little), *others),
+        spectral=(every, every, every),
+    )
+    all_of_them = replace(found, identification=identification)
+    simulated = {
+        name: "Simulated from the logged torque" in evidence_figure(each).caption
+        for name, each in {"one": found, "all": all_of_them}.items()
+    }
+    assert simulated == {"one": True, "all": False}
+
+
 def test_an_axis_that_air_moves_shows_its_answer_to_commands() -> None:
     """Its simulated rate runs away from the measured one, and a pilot would believe neither."""
     panel = _roll(_flown())

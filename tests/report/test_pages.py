@@ -8,7 +8,7 @@ import pytest
 
 from quadid_logs.comparison import Comparison, Quantity
 from quadid_logs.data.diagnosis import Finding
-from quadid_logs.data.health import Health, Standstill
+from quadid_logs.data.health import Health, RotorFault, Rotors, Standstill
 from quadid_logs.data.health import Quantity as HealthQuantity
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, Tuning
@@ -136,6 +136,30 @@ def test_a_motor_that_stands_still_is_looked_at_before_anything_is_flown() -> No
     )
     health = replace(refused.health or Health(), standstill=standstill)
     assert next_steps(replace(refused, health=health))[0].startswith("Take the propellers off")
+
+
+def test_the_motor_to_look_at_is_named() -> None:
+    """Among other steps nobody knows which "this motor" is."""
+    weak = RotorFault(
+        code="QL430", rotor=1, time_s=float("nan"), size=HealthQuantity(0.2, "1"), p_value=1e-6, sentence=""
+    )
+    rotors = Rotors(
+        sentence="",
+        level="high",
+        findings=("QL430",),
+        names=("motor 1 (front right)", "motor 2 (back left)"),
+        effectiveness=(None, None),
+        change=(None, None),
+        mass_offset=None,
+        thrust_change=None,
+        shaking=(None, None),
+        faults=(weak,),
+        searched=(),
+    )
+    refused = refused_result()
+    step = next_steps(replace(refused, health=replace(refused.health or Health(), rotors=rotors)))[0]
+    assert "motor 2 (back left)" in step
+    assert "this motor" not in step
 
 
 def test_the_step_about_gains_is_what_tune_recommends(
