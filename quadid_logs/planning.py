@@ -227,6 +227,11 @@ def make_plan(
     unknown = [axis for axis in axes if axis not in AXES]
     if unknown:
         raise SettingsError(f"There is no axis {unknown[0]!r}.", hint=f"Choose of {', '.join(AXES)}.")
+    if autopilot == "other":
+        raise SettingsError(
+            "The log does not say which autopilot flew.",
+            hint=f"Name one in its place: {', '.join(plannable())}.",
+        )
     if autopilot not in plannable():
         raise SettingsError(
             f"There is no plan for {autopilot!r}.", hint=f"Choose one of {', '.join(plannable())}."

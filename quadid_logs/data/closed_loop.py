@@ -251,6 +251,9 @@ class Margins:
     disk_margin: Estimated | None = None
     peak_sensitivity: Estimated | None = None
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self}>"
+
     def __str__(self) -> str:
         if not self.stable:
             return "unstable"

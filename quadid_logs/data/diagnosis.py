@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from quadid_logs.data.catalogue import Step
+from quadid_logs.untrusted import printable
 
 Level = Literal["info", "warning", "error"]
 Verdict = Literal["usable", "caution", "refused"]
@@ -29,6 +30,10 @@ class Finding:
     axes: tuple[str, ...] = ()
     step: Step | None = None
 
+    def __repr__(self) -> str:
+        axes = f" ({', '.join(self.axes)})" if self.axes else ""
+        return f"<{type(self).__name__} {self.code} {self.level}: {printable(self.title, 200)}{axes}>"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisVerdict:
@@ -41,6 +46,10 @@ class AxisVerdict:
     reasons: tuple[str, ...]
     sentence: str
 
+    def __repr__(self) -> str:
+        told = " ".join((self.verdict, *self.reasons))
+        return f"<{type(self).__name__} {told}: {printable(self.sentence, 200)}>"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis:
@@ -48,6 +57,11 @@ class Diagnosis:
 
     findings: tuple[Finding, ...]
     axes: Mapping[str, AxisVerdict]
+
+    def __repr__(self) -> str:
+        lines = [f"<{type(self).__name__}: {' '.join(one.code for one in self.findings) or 'no findings'}"]
+        lines += [f"  {axis:<5}  {' '.join((one.verdict, *one.reasons))}" for axis, one in self.axes.items()]
+        return "\n".join(lines) + ">"
 
     @property
     def usable(self) -> bool:

@@ -118,6 +118,11 @@ class Segment:
         """Number of grid points."""
         return int(self.time_s.shape[0])
 
+    def __repr__(self) -> str:
+        return (
+            f"<{type(self).__name__}: {self.n_samples} samples from {self.start_s:.4g} to {self.end_s:.4g} s>"
+        )
+
     def rows(self, rows: slice) -> Segment:
         """Return a part of the segment."""
         return replace(

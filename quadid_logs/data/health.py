@@ -8,6 +8,7 @@ from enum import Enum
 from typing import Final, Literal, NamedTuple
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.untrusted import printable
 
 #: One half: 1 / (2 sin 15 deg) is 1.9, the peak of a closed loop with 30 degrees of phase margin.
 _FOLLOWS: Final = 0.5
@@ -45,6 +46,9 @@ class Topic:
     findings: tuple[str, ...] = ()
     judged: bool = False
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.level}: {printable(self.sentence, 800)}>"
+
     @property
     def says_what_is_normal(self) -> bool:
         """Whether a pilot learns what the number should be."""
@@ -68,7 +72,7 @@ class AxisTracking:
     lag: Quantity | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Tracking(Topic):
     """Set-points against what was flown, by axis; of the rates or of the attitude.
 
@@ -127,7 +131,7 @@ class AxisSteps:
     half_time: Quantity
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Steps(Topic):
     """Measured responses of the rates to steps of their set-points, of the axes whose set-points tell."""
 
@@ -204,7 +208,7 @@ class GyroSpectrum:
     density: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Noise(Topic):
     """Spectra of the gyro, and the lines in them.
 
@@ -231,7 +235,7 @@ class Noise(Topic):
     may_be_folded: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Motors(Topic):
     """What the motors were sent in flight.
 
@@ -269,7 +273,7 @@ class Motors(Topic):
     output: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Vibration(Topic):
     """How much the vehicle shakes.
 
@@ -296,7 +300,7 @@ class Vibration(Topic):
     values: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Battery(Topic):
     """The battery under load.
 
@@ -319,7 +323,7 @@ class Battery(Topic):
     voltage: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Course(Topic):
     """One quantity over the flight, in the unit that people read.
 
@@ -396,7 +400,7 @@ class AxisOscillation:
         return self.overtone or (self.rate_loop and (of_outer or self.dominates))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Oscillation(Topic):
     """Oscillations that last, by axis; none where the log was searched and shows none."""
 
@@ -443,7 +447,7 @@ class RotorBalance(NamedTuple):
     place: tuple[tuple[float, float, float], ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Rotors(Topic):
     """How much each rotor gives of what it is sent, and what is wrong with them.
 
@@ -486,7 +490,7 @@ class Rotors(Topic):
     balance: RotorBalance | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Standstill(Topic):
     """A rotor that hardly turned although it was sent more than the others: looked for in the air or not.
 
@@ -551,3 +555,7 @@ class Health:
             "battery": self.battery,
         }
         return {name: topic for name, topic in found.items() if topic is not None}
+
+    def __repr__(self) -> str:
+        told = [f"{name} {topic.level}" for name, topic in self.topics.items()]
+        return f"<{type(self).__name__}: {', '.join(told) or 'nothing is shown'}>"

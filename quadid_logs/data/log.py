@@ -138,6 +138,10 @@ class Rows:
         """Number of rows."""
         return int(self.time_s.shape[0])
 
+    def __repr__(self) -> str:
+        ends = f" from {self.time_s[0]:.4g} to {self.time_s[-1]:.4g} s" if self.n_samples else ""
+        return f"<{type(self).__name__}: {self.n_samples}{ends}>"
+
 
 def _freeze(owner: object, *names: str) -> None:
     """Replace arrays by views that cannot be written to."""
@@ -198,6 +202,10 @@ class Signal:
                 f"{self.name}: {self.values.shape} values do not fit {self.rows.n_samples} rows."
             )
         _freeze(self, "values")
+
+    def __repr__(self) -> str:
+        n_rows, n_columns = self.values.shape
+        return f"<{type(self).__name__} {self.name}: {self.source!a}, {n_rows} rows of {n_columns}>"
 
     @property
     def time_s(self) -> FloatArray:

@@ -63,6 +63,9 @@ class Parameter:
     reason: str = ""
     half_width: float = float("nan")
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self}{'' if self.identifiable else ', not identifiable'}>"
+
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
         return f"{self.name} = {estimate(self.value, *self.ci95)}{unit}"
@@ -141,6 +144,10 @@ class Posterior:
     covariance: FloatArray
     lag_or_delay_s: float
     only_brakes: tuple[bool, bool, bool] = (False, False, False)
+
+    def __repr__(self) -> str:
+        names = "effectiveness, damping, lag, delay, reaction of the rotors"
+        return f"<{type(self).__name__} of {names}, by axis>"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -10,7 +10,7 @@ Needs ``quadid-logs[fleet]``; nothing else of the package does.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,7 +61,7 @@ def fleet(
     ------
     OutputError, SettingsError
         If the store cannot be written, or was made otherwise; if the scheduler does not answer or a library
-        is missing; if a log was read from no file.
+        is missing; if a log or a table was read from no file.
 
     Examples
     --------
@@ -75,20 +75,25 @@ def fleet(
     from quadid_logs.fleet.run import run_fleet
     from quadid_logs.fleet.stored import StoredFleet
 
-    several = [logs] if isinstance(logs, str | Path | FlightLog | Result) else list(logs)
-    if several:
-        options, files = _options(structure, band, vehicle), find_logs([_place(each) for each in several])
+    # A table is one log, and iterates over its columns.
+    several = isinstance(logs, Iterable) and not isinstance(logs, str) and not hasattr(logs, "keys")
+    places = [_place(each) for each in (logs if several else [logs])]  # type: ignore[union-attr]
+    if places:
+        options, files = _options(structure, band, vehicle), find_logs(places)
         run_fleet(files, Path(store), options, Cluster(scheduler=scheduler, workers=workers), resume=resume)
     return StoredFleet(Path(store))
 
 
-def _place(log: str | Path | FlightLog | Result) -> str:
+def _place(log: object) -> str:
     """Return what names a log: its workers, which may be on other machines, read it by themselves."""
     if isinstance(log, str | Path):
         return str(log)
-    path = log.log.path if isinstance(log, Result) else log.path
+    path = getattr(log.log if isinstance(log, Result) else log, "path", "")
     if not Path(path).is_file():
-        raise SettingsError("A fleet is made of files: this log was read from none.", hint="Write it first.")
+        raise SettingsError(
+            "A fleet is made of files: this log was read from none.",
+            hint="Write it first: a DataFrame by to_csv, a simulated flight by `quadid-log simulate`.",
+        )
     return path
 
 

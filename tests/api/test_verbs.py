@@ -172,6 +172,48 @@ def test_what_every_verb_returns_shows_itself_in_a_few_lines(
         assert repr(each).count("\n") < 5
 
 
+def test_what_an_analysis_holds_shows_itself_in_a_few_lines(analysis: quadid_logs.Analysis) -> None:
+    """A diagnosis or the health of a flight filled a screen with arrays."""
+    signal = analysis.log.signals["body_rate"][0]
+    shown = (
+        analysis.diagnosis,
+        *analysis.diagnosis.findings,
+        *analysis.diagnosis.axes.values(),
+        analysis.health,
+        *analysis.loop.margins.values(),
+        *analysis.data.segments,
+        analysis.model["roll", "L"],
+        analysis.model.posterior,
+        signal,
+        signal.rows,
+    )
+    for each in shown:
+        assert len(repr(each)) < 600
+        assert repr(each).count("\n") < 4
+    assert analysis.health is not None
+    for name, topic in analysis.health.topics.items():
+        assert topic.sentence[:40] in repr(topic)
+        assert f"{name} {topic.level}" in repr(analysis.health)
+    assert "roll" in repr(analysis.diagnosis)
+    assert analysis.diagnosis.findings[0].code in repr(analysis.diagnosis)
+
+
+def test_a_table_is_told_that_it_names_no_autopilot_to_plan_for(analysis: quadid_logs.Analysis) -> None:
+    """ "There is no plan for 'other'" names nothing that the user gave."""
+    with pytest.raises(SettingsError, match=r"does not say which autopilot.*ardupilot"):
+        quadid_logs.plan(analysis.to_pandas())
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_a_fleet_of_a_table_is_told_to_write_it_first(
+    wrapped: bool, tmp_path: Path, analysis: quadid_logs.Analysis
+) -> None:
+    """Its columns were taken for paths of logs."""
+    table = analysis.to_pandas()
+    with pytest.raises(SettingsError, match="made of files"):
+        quadid_logs.fleet([table] if wrapped else table, tmp_path / "store")
+
+
 def test_a_tuning_shows_each_gain_that_changes(tuned: Result) -> None:
     """From the value that flew to the next one."""
     tuning = quadid_logs.tune(tuned)
