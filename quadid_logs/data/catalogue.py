@@ -348,8 +348,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL434",
                 "The centre of mass is not in the middle of the rotors",
-                "The rotors on one side carry more than those on the other. If they are alike, the centre "
-                "of mass is on that side.",
+                "The rotors on one side carry more weight than those on the other. If all rotors are alike, "
+                "the centre of mass is on that side.",
                 "Nothing to do while the motors of the two sides work alike within the normal range. "
                 "Otherwise move the battery away from that side, until they do.",
                 scope="vehicle",
@@ -358,7 +358,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL435",
                 "The accelerometer clipped",
                 "In more than 100 samples the accelerometer was at the end of its range. The autopilot's "
-                "attitude and height are wrong then.",
+                "attitude and height can be wrong then.",
                 "Balance the propellers, and mount the flight controller softer.",
                 scope="vehicle",
             ),
@@ -367,7 +367,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "A motor stood still while it was told to turn",
                 "For a second or longer one motor turned less than half as fast as the slowest other, "
                 "although its command was above the mean of the others. If the vehicle flew well meanwhile, "
-                "only the speed was not measured.",
+                "only the speed reading is wrong.",
                 "Take the propellers off and run each motor on the bench. If this one does not turn, look "
                 "at its wires, solder joints, winding and ESC; if it does, look at the ESC's telemetry.",
                 scope="vehicle",
@@ -394,8 +394,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL504",
                 "The model fails on validation data",
                 "On validation data, which the fit did not use, the model predicts the acceleration badly. "
-                "Where air moved the vehicle as its commands did: one effectiveness, lag and damping do not "
-                "describe how it answered its commands.",
+                "Where air moved the vehicle as much as its commands did: no single effectiveness, lag and "
+                "damping describe how it responded to its commands.",
                 f"Do not use this axis. {_ENOUGH}",
                 step="fly",
             ),
@@ -430,7 +430,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The effectiveness changed at one moment by more than chance allows: the vehicle changed "
                 "(battery, payload, damage, a propeller), or something other than torque moved it. The "
                 "interval covers the values before and after.",
-                'Look at the figure "Window estimates over time", and analyze both parts by themselves with '
+                'Look at the figure "Window estimates over time", and analyze each part by itself with '
                 "--start-s and --end-s.",
             ),
             _entry(
@@ -532,7 +532,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "less than above it: a dead zone, friction, or coarse steps of the outputs. The "
                 "effectiveness depends on the size of the manoeuvre. The interval covers the "
                 "effectiveness outside the dead zone.",
-                "Look for a dead band in the mixer or the speed controllers. Manoeuvres well above it show "
+                "Look for a dead band in the mixer or the ESCs. Manoeuvres well above it show "
                 "the full effectiveness of this axis.",
             ),
             _entry(
@@ -588,10 +588,10 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL530",
                 "The thrust curve is not the one that the autopilot assumes",
-                "The effectiveness changes with thrust as it would with another expo than the "
-                "parameter's. The torque was rebuilt with the expo that was found, so that the "
-                "effectiveness holds at the mean thrust of the manoeuvre. With the autopilot's expo, the "
-                "loop gain changes with throttle.",
+                "The effectiveness changes with thrust as if the thrust curve had another expo than the "
+                "parameter says. The torque was rebuilt with the expo that fits, so the effectiveness holds "
+                "at the mean thrust of the manoeuvre. With the autopilot's expo the loop gain changes with "
+                "throttle.",
                 "Set the expo of the thrust curve to the value found; check the tuning with small inputs.",
             ),
             _entry(
@@ -690,7 +690,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The controller reconstructed from the logged parameters does not reproduce the logged "
                 "output",
                 "Replayed from logged set-points and rates, the controller does not give the logged terms "
-                "and torque. Nothing is said about its loop.",
+                "and torque. So its loop is not judged.",
                 "Keep the gains as they are during the flight, and log the controller's terms at the loop's "
                 "rate.",
                 scope="loop",

@@ -488,7 +488,7 @@ def _untold(axis: _Axis) -> Finding | None:
         percent = 100.0 * fit.half_width / abs(fit.gain)
         title = f"The response to commands gives the {axis.name} effectiveness to ±{percent:.0f} % only"
         return axis.finding("QL505", "error", evidence, title)
-    title = f"One effectiveness, lag and damping do not describe how {axis.name} answers its commands"
+    title = f"No single effectiveness, lag and damping describe how {axis.name} responds to its commands"
     return axis.finding("QL504", "error", evidence, title)
 
 

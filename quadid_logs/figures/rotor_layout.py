@@ -49,7 +49,7 @@ def airframe_from_above(result: Result) -> Figure | LeftOut:
         height=1.7,
     )
     # Say what the numbers are and where the drawing comes from.
-    parts = [f"Seen from above, nose up; the numbers are the motors' ({model.frame_source})."]
+    parts = [f"Seen from above, nose up, with the number of each motor. Source: {model.frame_source}."]
     if model.channels:
         outputs = ", ".join(f"{motor}: {channel}" for motor, channel in enumerate(model.channels, start=1))
         parts.append(f"Motor and output: {outputs} ({model.channel_source}).")

@@ -36,7 +36,7 @@ _VERDICTS: Final = ("usable", "caution", "refused")
 _CAUSES: Final = (
     ("from", "One rotor gives more or less thrust than the others (propeller, motor, speed controller), or "
              "the flight controller sits askew."),
-    ("lag", "The rotors respond later or sooner: propellers, motors, or the speed controllers' settings."),
+    ("lag", "The rotors respond later or sooner: propellers, motors, or the ESCs' settings."),
     ("gain", "Inertia, load, propellers or battery changed; the balance of the rotors did not."),
     ("damping", "The propellers or the shape in the wind changed."),
 )  # fmt: skip

@@ -64,7 +64,7 @@ def test_an_answer_that_one_equation_does_not_explain_is_refused(good: Identific
     """Two thirds of what was commanded."""
     (found,) = errors(good, r2_commanded=0.66, alone=True)
     assert found.code == "QL504"
-    assert "answers its commands" in found.title
+    assert "responds to its commands" in found.title
 
 
 @pytest.mark.parametrize(("alone", "told"), [((1,), (1,)), ((), ())])
