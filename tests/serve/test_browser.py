@@ -217,6 +217,25 @@ def test_logs_are_chosen_with_the_keyboard(session: Session) -> None:
     assert browser.run("document.activeElement.id") == "files"
 
 
+def test_a_flight_is_compared_with_the_one_before_in_two_clicks(session: Session) -> None:
+    """Of one vehicle: the newer flight has the button, and a link to the answer takes its place."""
+    name = json.dumps({"name": "One quad"}).encode()
+    for each in session.server.entries()["entries"]:
+        if each["kind"] == "compare":
+            session.server.ask("DELETE", f"/entries/{each['id']}")
+        if each["kind"] == "analyze" and each["state"] == "done":
+            assert session.server.ask("POST", f"/vehicles/{each['id']}/name", name)[0] == 204
+    browser = session.home()
+    browser.wait("document.querySelectorAll('.flights').length === 1")
+    asked = "[aria-label^='Compare with last'], [aria-label^='Promise kept']"
+    assert browser.run(f'document.querySelectorAll("{asked}").length') == 1
+    browser.run(f'document.querySelector("{asked}").click()')
+    link = "document.querySelector('.flights tbody tr .actions a[aria-label*=\"→\"]')"
+    browser.wait(f"{link} !== null", 120.0)
+    browser.go(browser.run(f"{link}.href") + "/page")
+    assert "two flights compared" in browser.run("document.body.innerText").lower()
+
+
 def test_a_deleted_flight_is_gone(session: Session) -> None:
     """From the page and from the disk, once somebody confirms it."""
     browser = session.home()

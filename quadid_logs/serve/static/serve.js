@@ -254,7 +254,7 @@
     const names = [...vehicles.keys()].sort();
     keep(byId("vehicles"), names.map((name) => {
       const flights = vehicles.get(name).sort((a, b) => flown(b).localeCompare(flown(a)));
-      return [name, flights.map((entry) => `${entry.id} ${entry.name} ${entry.summary.log} ${gainsOf(entry)?.state}`).join(), () => vehicleTable(name, flights)];
+      return [name, flights.map((entry) => `${entry.id} ${entry.name} ${entry.summary.log} ${gainsOf(entry)?.state} ${checkOf(entry, flights)?.state}`).join(), () => vehicleTable(name, flights)];
     }));
     markable();
   };
@@ -268,14 +268,14 @@
       make("table", { class: "flights" },
         make("thead", {}, make("tr", {}, ...["compare", "log", ...axes, "actions"].map((head) =>
           make("th", { scope: "col" }, head)))),
-        make("tbody", {}, ...flights.map(flightRow))));
+        make("tbody", {}, ...flights.map((entry) => flightRow(entry, flights)))));
 
   const rename = (name, id) => {
     const wanted = window.prompt(`What do you call ${name}? Its logs, and later ones of the same vehicle, get that name.`, name);
     if (wanted && wanted.trim() && wanted !== name) ask("POST", `/vehicles/${id}/name`, { name: wanted });
   };
 
-  const flightRow = (entry) =>
+  const flightRow = (entry, flights) =>
     make("tr", {},
       make("td", { "data-head": "compare" }, make("input", {
         type: "checkbox", "aria-label": `Compare ${entry.name}`, checked: marked.has(entry.id), "data-mark": entry.id, onchange: mark,
@@ -288,7 +288,7 @@
           make("span", { class: "badge" }, found.verdict), found.effect ? make("small", {}, found.effect) : null);
       }),
       make("td", {}, make("div", { class: "actions" },
-        gains(entry), deleter(entry))));
+        gains(entry), check(entry, flights), deleter(entry))));
 
   // A file may hold several logs; another choice is analyzed in place of the first.
   const chooser = (entry) => {
@@ -307,6 +307,19 @@
     if (answer?.state === "done") return make("a", { href: `/reports/${answer.id}`, "aria-label": answer.name }, "Next gains");
     if (answer?.state === "queued" || answer?.state === "running") return make("span", { class: "quiet" }, "computing gains");
     return button("Next gains", `Next gains after ${entry.name}`, () => pose("/tune", { log: entry.id }));
+  };
+
+  // Against the flight before, whose next gains flew here if they were loaded.
+  const beforeOf = (entry, flights) => flights[flights.indexOf(entry) + 1];
+  const checkOf = (entry, flights) => [...entries.values()].find((each) =>
+    each.kind === "compare" && each.logs[0] === beforeOf(entry, flights)?.id && each.logs[1] === entry.id);
+  const check = (entry, flights) => {
+    const before = beforeOf(entry, flights), answer = checkOf(entry, flights);
+    if (!before) return null;
+    const words = gainsOf(before)?.state === "done" ? "Promise kept?" : "Compare with last";
+    if (answer?.state === "done") return make("a", { href: `/reports/${answer.id}`, "aria-label": answer.name }, words);
+    if (answer?.state === "queued" || answer?.state === "running") return make("span", { class: "quiet" }, "comparing");
+    return button(words, `${words} ${entry.name} after ${before.name}`, () => pose("/compare", { before: before.id, after: entry.id }));
   };
 
   const mark = (event) => {
