@@ -10,7 +10,7 @@ import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.options import EndS, LogNumber, StartS, System, VehicleFile, settings_of
+from quadid_logs.cli.options import EndS, LogNumber, NoProgress, StartS, System, VehicleFile, settings_of
 from quadid_logs.cli.progress import Progress
 from quadid_logs.cli.terminal import wrapped
 from quadid_logs.errors import SeveralLogsError
@@ -24,6 +24,7 @@ def info(
     log_number: LogNumber = 0,
     vehicle: VehicleFile = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    quiet: NoProgress = False,
 ) -> int:
     """Say what is in a log, at which true rates, and what is missing for analyze."""
     from quadid_logs.align import check_part, cut
@@ -35,7 +36,7 @@ def info(
     given = None if vehicle is None else read_vehicle(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, system=system, log=log_number)
     check_log(log)
-    with Progress(log.name) as progress:
+    with Progress(log.name, quiet=quiet) as progress:
         progress("reading")
         try:
             prepared = load(log, settings, given)

@@ -53,6 +53,7 @@ AxisNames = Annotated[
 ]
 OpenPage = Annotated[bool, typer.Option("--open", help="Open the page that is written in the browser.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")]
+NoProgress = Annotated[bool, typer.Option("-q", "--quiet", help="Print the result only, no progress.")]
 
 
 def settings_of(

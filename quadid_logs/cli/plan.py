@@ -12,7 +12,17 @@ from quadid_logs.cli.completion import autopilots, axes
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.longest import of_longest
-from quadid_logs.cli.options import Band, EndS, LogNumber, OpenPage, Quiet, StartS, System, settings_of
+from quadid_logs.cli.options import (
+    Band,
+    EndS,
+    LogNumber,
+    OpenPage,
+    Quiet,
+    StartS,
+    System,
+    axes_of,
+    settings_of,
+)
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
 from quadid_logs.data.settings import Settings
@@ -36,9 +46,10 @@ def plan(
     axis: Annotated[
         list[str] | None,
         typer.Option(
+            "--axes",
             "--axis",
-            metavar="AXIS",
-            help="roll, pitch or yaw; may be repeated [default: all].",
+            metavar="AXIS,...",
+            help="Axes to plan for, as roll,pitch; may be repeated [default: all].",
             autocompletion=axes,
         ),
     ] = None,
@@ -117,6 +128,7 @@ def plan(
     )
     from quadid_logs.vehicle_file import read_vehicle
 
+    chosen = axes_of(",".join(axis or ()))
     version = None if firmware is None else parse_version(firmware)
     described = None if vehicle is None else read_vehicle(vehicle)
     make = partial(make_plan, vehicle=described, propeller_inch=propeller, air=air, wanted=interval / 100.0)
@@ -128,11 +140,11 @@ def plan(
             "The autopilot is not known.", hint="Name it with --autopilot, or give a flown log with --like."
         )
     if like is None:
-        planned = make(autopilot.lower(), axis or (), version)
+        planned = make(autopilot.lower(), chosen, version)
     else:
         check_log(like)
         # A wrong name or axis is said at once, not after a log was analyzed.
-        wanted_of = make(autopilot.lower(), axis or (), version).autopilot if autopilot else ""
+        wanted_of = make(autopilot.lower(), chosen, version).autopilot if autopilot else ""
         with Progress("plan", quiet=quiet) as progress:
             progress("analyzing the log")
             known = of_longest(like, settings, partial(analyze, like, vehicle=described))
@@ -146,7 +158,7 @@ def plan(
                 f"{printable(like)} is a log of {vehicle_words(flown.vehicle_type)}.",
                 hint="Plans are for multirotors: give a log of one, or leave --like out.",
             )
-        planned = make(flown.autopilot, axis or (), version or flown.version, flown.parameters, known=known)
+        planned = make(flown.autopilot, chosen, version or flown.version, flown.parameters, known=known)
     texts = parameter_files(planned) | live_files(planned)
     files = {name: text.encode() for name, text in texts.items()}
     if output is not None:

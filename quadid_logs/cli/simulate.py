@@ -10,6 +10,7 @@ import typer
 
 from quadid_logs.cli.completion import autopilots, scenarios
 from quadid_logs.cli.failure import say
+from quadid_logs.cli.options import Quiet
 from quadid_logs.cli.progress import Progress
 from quadid_logs.errors import SettingsError
 from quadid_logs.output import check_free, check_no_link, new_folder, write_beside
@@ -50,6 +51,7 @@ def simulate(
     ] = "",
     list_scenarios: Annotated[bool, typer.Option("--list", help="List the scenarios and stop.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files if they exist.")] = False,
+    quiet: Quiet = False,
 ) -> int:
     """Fly a simulated vehicle and write the log that its autopilot would have written.
 
@@ -80,7 +82,7 @@ def simulate(
     for path in (output, truth_path(output)):
         check_no_link(path)
     check_free(output, truth_path(output), force=force)
-    with Progress(scenario) as progress:
+    with Progress(scenario, quiet=quiet) as progress:
         progress("simulating")
         simulation = fly_scenario(
             scenario,
@@ -92,8 +94,9 @@ def simulate(
         )
         progress("writing")
         write_simulation(simulation, output)
-    size_mb = output.stat().st_size / 1e6
-    say(f"Wrote {printable(output)} ({size_mb:.1f} MB) and {printable(truth_path(output).name)}")
+    if not quiet:
+        size_mb = output.stat().st_size / 1e6
+        say(f"Wrote {printable(output)} ({size_mb:.1f} MB) and {printable(truth_path(output).name)}")
     return 0
 
 

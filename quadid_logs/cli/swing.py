@@ -9,7 +9,7 @@ import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.options import EndS, LogNumber, StartS, System, settings_of
+from quadid_logs.cli.options import EndS, LogNumber, NoProgress, StartS, System, settings_of
 from quadid_logs.cli.progress import Progress
 from quadid_logs.errors import SettingsError
 
@@ -61,6 +61,7 @@ def swing(
     system: System = 0,
     log_number: LogNumber = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    quiet: NoProgress = False,
 ) -> int:
     """Measure a moment of inertia: let the vehicle swing on two strings and read its own gyro.
 
@@ -94,7 +95,7 @@ def swing(
     )
     settings = settings_of(start_s=start_s, end_s=end_s, system=system, log=log_number)
     check_log(log)
-    with Progress(log.name) as progress:
+    with Progress(log.name, quiet=quiet) as progress:
         progress("read")
         content = read_log(log, system=settings.system, number=settings.log)
         progress("fit")

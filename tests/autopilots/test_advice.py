@@ -217,7 +217,7 @@ def test_firmware_that_logs_at_the_loop_rate_is_not_to_be_updated(version: Versi
 def test_system_id_mode_is_advised_from_4_0_on(version: Version, has_it: bool) -> None:
     """And before it is said what it needs."""
     advice = ARDUPILOT.excitation(["yaw"], version)
-    assert ("SID_AXIS 12" in advice) == has_it
+    assert ("plan --autopilot ardupilot --axes yaw" in advice) == has_it
     assert ("needs ArduCopter 4.0" in advice) != has_it
     assert bool(ARDUPILOT.sweep_magnitudes(version)) == has_it
 

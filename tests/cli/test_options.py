@@ -39,10 +39,11 @@ PAGES = {"--open"}
         ("export", ON_LOGS | ONE_LOG),
         ("compare", ON_LOGS | PAGES),
         ("repeat", ON_LOGS | PAGES),
-        ("info", {"--start-s", "--end-s", "--system", "--vehicle"} | ONE_LOG),
-        ("swing", {"--start-s", "--end-s", "--system", "--vehicle"} | ONE_LOG),
+        ("info", {"--start-s", "--end-s", "--system", "--vehicle", "--quiet"} | ONE_LOG),
+        ("swing", {"--start-s", "--end-s", "--system", "--vehicle", "--quiet"} | ONE_LOG),
+        ("simulate", {"--vehicle", "--quiet"}),
         ("fleet", {"--band", "--vehicle", "--quiet"}),
-        ("plan", ON_LOGS | ONE_LOG | PAGES),
+        ("plan", ON_LOGS | ONE_LOG | PAGES | {"--axes"}),
     ],
 )
 def test_a_verb_takes_the_options_of_all(verb: str, wanted: set[str]) -> None:
@@ -131,6 +132,26 @@ def test_the_terminal_says_on_which_axes_a_sweep_is_judged(
     assert told in capsys.readouterr().out
     main(["analyze", str(of_roll), "-o", str(tmp_path), "--no-report", "--force", "--axes", "roll"])
     assert told not in capsys.readouterr().out
+
+
+def test_what_has_no_progress_to_show_is_quiet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`info` prints its result all the same."""
+    log = tmp_path / "short.bin"
+    assert main(["simulate", "hover", "-o", str(log), "--duration-s", "20", "--rate-hz", "50", "-q"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert main(["info", str(log), "-q"]) == 0
+    out, err = capsys.readouterr()
+    assert "autopilot" in out
+    assert err == ""
+
+
+@pytest.mark.parametrize("given", [["--axes", "yaw,roll"], ["--axis", "roll", "--axis", "yaw"]])
+def test_a_plan_names_its_axes_as_an_analysis_does(
+    given: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Between commas; one option for each is read as well."""
+    assert main(["plan", "--autopilot", "px4", *given, "--json"]) == 0
+    assert list(json.loads(capsys.readouterr().out)["expected"]["axes"]) == ["roll", "yaw"]
 
 
 def test_axes_are_named_between_commas_in_any_order() -> None:

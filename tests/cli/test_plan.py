@@ -321,7 +321,7 @@ def test_card_and_files_are_written_together(
     ("arguments", "words"),
     [
         (["--autopilot", "inav"], "ardupilot, betaflight, crazyflie, px4"),
-        (["--autopilot", "px4", "--axis", "heave"], "roll, pitch, yaw"),
+        (["--autopilot", "px4", "--axis", "heave"], "roll,pitch,yaw"),
         (["--autopilot", "ardupilot", "--firmware", "four"], "4.5.7"),
         ([], "--autopilot"),
     ],

@@ -74,7 +74,7 @@ def test_a_slow_hover_log_tells_what_to_log_and_what_to_fly() -> None:
     lines = [line.text.strip() for line in inventory_lines(result.log, result.data)]
     (then,) = (line for line in lines if line.startswith("then: "))
     assert then == f"then: {steps[1]}"
-    assert "--axis yaw --like sample_logs/default-logging.bin`" in then
+    assert "--axes roll,pitch,yaw -o plan --like sample_logs/default-logging.bin`" in then
 
 
 def test_a_step_names_the_axes_that_its_finding_calls_this_axis() -> None:

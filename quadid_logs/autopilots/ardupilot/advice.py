@@ -137,17 +137,11 @@ class ArduPilotAdvice(Advice):
         by_stick = super().excitation(axes, version)
         if not self.sweep_magnitudes(version):
             return f"{by_stick} {_no_system_id(version)}"
-        words = [word for axis in axes for word in ("--axis", axis)]
-        sweeps = "; ".join(
-            f"SID_AXIS {_SID_AXIS[axis]} (mixer {axis}) with SID_MAGNITUDE {_SID_MAGNITUDE[axis]}"
-            for axis in axes
-        )
-        plan_command = command("plan", "--autopilot", "ardupilot", *words, "--like", LOG)
+        wanted = ("--axes", ",".join(axes), "-o", "plan", "--like", LOG)
+        plan_command = command("plan", "--autopilot", "ardupilot", *wanted)
         return (
-            f"{by_stick} ArduCopter's System ID mode{'' if version else ' (4.0 and later)'} does it by "
-            f"itself: {sweeps}. On the mixer axes "
-            "the unit is a fraction of the full command, so that the default of 15 is dangerous: read the "
-            f"value back before the flight; see `{plan_command}`."
+            f"{by_stick} Or let ArduCopter's System ID mode{'' if version else ' (4.0 and later)'} sweep the "
+            f"axes: `{plan_command}` writes what to set, and what to read back before the flight."
         )
 
     def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:
