@@ -516,3 +516,34 @@ def test_the_predicted_torque_of_a_calibrated_log_is_shown_as_the_command_that_i
     torques = [panel.y for panel in figure.panels if panel.title.endswith("torque")]
     assert torques
     assert {axis.unit for axis in torques} == {"normalised"}
+
+
+def test_the_open_loop_is_drawn_in_the_units_of_its_margins(usable: Result) -> None:
+    """In decibels: the gain where the phase passes -180 degrees lies below zero by the gain margin."""
+    figure = shown(usable, "loop-bode")
+    assert usable.closed_loop is not None
+    margin = usable.closed_loop.margins["roll"].full
+    assert margin is not None
+    assert margin.gain_margin_db is not None
+    gain, phase = (
+        next(panel for panel in figure.panels if panel.title == f"Roll: {what}") for what in ("gain", "phase")
+    )
+    assert gain.y.unit == "dB"
+    assert not gain.y.log
+    (decibels,), (degrees,) = (
+        [curve.y for curve in panel.curves if curve.label == "model"] for panel in (gain, phase)
+    )
+    crossing = np.flatnonzero((degrees[:-1] > -180.0) & (degrees[1:] <= -180.0))[0]
+    assert -decibels[crossing] == pytest.approx(margin.gain_margin_db.value, abs=0.5)
+
+
+def test_a_zoom_over_frequency_moves_every_chart_that_shows_the_same_frequencies(usable: Result) -> None:
+    """Gain and phase of one loop; a chart over anything else stays."""
+    figure = shown(usable, "loop-bode")
+    for layout in interactive(figure)["layouts"].values():
+        axes = [layout[name] for name in layout if name.startswith("xaxis")]
+        assert len(axes) == len(figure.panels)
+        assert "matches" not in axes[0]
+        assert {axis["matches"] for axis in axes[1:]} == {"x"}
+    plane = interactive(shown(usable, "loop-nyquist"))["layouts"]["wide"]
+    assert not any("matches" in plane[name] for name in plane if name.startswith("xaxis"))

@@ -668,6 +668,27 @@ def test_the_page_says_what_its_step_leaves_out(raised: Tuning) -> None:
     assert "for sticks at rest" not in tune_page(result, raised, NOWHERE)
 
 
+def test_the_page_draws_the_step_that_the_log_shows_beside_the_computed_ones(raised: Tuning) -> None:
+    """A pilot believes a promise whose "as flown" is what was flown."""
+    result = flown("ardupilot")
+    loop = result.closed_loop
+    assert loop is not None
+    assert loop.axes["roll"].step is not None
+
+    def page(measured: np.ndarray | None) -> str:
+        axes = {
+            axis: replace(one, step=None if one.step is None else replace(one.step, measured=measured))
+            for axis, one in loop.axes.items()
+        }
+        return tune_page(replace(result, closed_loop=replace(loop, axes=axes)), raised, NOWHERE)
+
+    shown = page(0.9 * loop.axes["roll"].step.response)
+    assert '<polyline class="measured" points="34.0,' in shown
+    assert "Dotted: measured in this flight" in shown
+    assert '<polyline class="measured"' not in page(None)
+    assert "Dotted" not in page(None)
+
+
 def test_the_page_shows_flown_gains_to_four_digits(raised: Tuning) -> None:
     """The file that goes back has all of them."""
     found = raised.axes["roll"]

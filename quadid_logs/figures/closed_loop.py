@@ -41,9 +41,10 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
         _figure(
             "loop-bode",
             "The open loop, cut at the mixer",
-            "Gain and phase around the loop. Where the gain passes 1, the phase must be above -180 degrees: "
-            "that distance is the phase margin. Shaded along the line: the 95 % interval. Points: "
-            "the log, as far as set-points or a system-ID excitation show it.",
+            "Gain and phase around the loop. Where the gain passes 0 dB, the phase must be above -180 "
+            "degrees: that distance is the phase margin. Where the phase passes -180 degrees, the gain must "
+            "be below 0 dB: that distance is the gain margin. Shaded along the line: the 95 % interval. "
+            "Points: the log, as far as set-points or a system-ID excitation show it.",
             _in_rows([_bode(axis, found) for axis, found in known.items()]),
             columns=3,
         ),
@@ -138,7 +139,7 @@ def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     angles: tuple[Curve, ...] = ()
     if measured is not None:
         at_hz = measured.frequency_hz
-        points = (_points(at_hz, np.abs(measured.response)),)
+        points = (_points(at_hz, decibels(np.abs(measured.response))),)
         # Phases on the turn of the circle that lies nearest to the model's.
         model = np.interp(at_hz, curve.frequency_hz, _phase(curve))
         apart = np.angle(measured.response) - model
@@ -149,11 +150,14 @@ def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
         Panel(
             title=f"{name}: gain",
             x=_FREQUENCY,
-            y=Axis(label="gain", log=True),
-            curves=(Curve(label="model", x=x, y=np.abs(curve.response), role="modelled"), *points),
-            ribbons=(_interval(x, curve.gain_low, curve.gain_high),),
+            y=Axis(label="gain", unit="dB", low=-60.0, high=40.0),
+            curves=(
+                Curve(label="model", x=x, y=decibels(np.abs(curve.response)), role="modelled"),
+                *points,
+            ),
+            ribbons=(_interval(x, decibels(curve.gain_low), decibels(curve.gain_high)),),
             bands=known if found.known_hz > 0.1 else (),
-            levels=(Level(value=1.0, role="muted", label="crossover"),),
+            levels=(Level(value=0.0, role="muted", label="crossover"),),
             model_of=axis,
         ),
         Panel(
@@ -166,6 +170,11 @@ def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
             model_of=axis,
         ),
     )
+
+
+def decibels(gain: FloatArray) -> FloatArray:
+    """Return a gain as the margins are told: 20 log10; NaN where there is none."""
+    return np.asarray(20.0 * np.log10(np.where(gain > 0.0, gain, np.nan)), dtype=np.float64)
 
 
 def _interval(x: FloatArray, low: FloatArray, high: FloatArray) -> Ribbon:

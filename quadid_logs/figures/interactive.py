@@ -256,6 +256,20 @@ def _name(label: str) -> str:
     return html.escape(label, quote=False)
 
 
+def _leader(figure: Figure, panel: Panel) -> int:
+    """Return the panel, from 1, that one follows when somebody zooms; 0 where it follows none.
+
+    Over time all follow the first, over frequency all that show the same frequencies.
+    """
+    if figure.over_time:
+        return 1
+    if not (panel.x.log and panel.x.unit == "Hz"):
+        return 0
+    mine = panel.x, shown_range(panel, "x")
+    alike = ((each.x, shown_range(each, "x")) == mine for each in figure.panels)
+    return next(number for number, same in enumerate(alike, start=1) if same)
+
+
 def _add_axes(
     layout: dict[str, Any],
     figure: Figure,
@@ -273,8 +287,9 @@ def _add_axes(
         x_axis |= {"nticks": 3, "tickangle": 0}
     if not labelled:
         x_axis.pop("title")
-    if figure.over_time and number > 1:
-        x_axis["matches"] = "x"
+    first = _axis_id("x", _leader(figure, panel) or number)
+    if first != x_id:
+        x_axis["matches"] = first
     layout[_axis_id("xaxis", number)] = x_axis
     layout[_axis_id("yaxis", number)] = _axis(panel, "y", domains[1]) | {"anchor": x_id}
     if panel.equal:

@@ -9,6 +9,7 @@ import numpy as np
 
 from quadid_logs.data.closed_loop import AxisLoop, LoopCurve, Step
 from quadid_logs.data.result import Result
+from quadid_logs.figures.closed_loop import decibels
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Level, Panel
 from quadid_logs.vocabulary import AXES
 
@@ -35,7 +36,7 @@ def loop_comparison_figure(before: Result, after: Result) -> Figure | LeftOut:
         key=_KEY,
         title=_TITLE,
         caption="Gain and phase around the loop, cut at the mixer, and the rate step response. "
-        "Dashed: 95 % intervals. Where the gain passes 1, the phase above -180 degrees "
+        "Dashed: 95 % intervals. Where the gain passes 0 dB, the phase above -180 degrees "
         "is the phase margin.",
         panels=tuple(
             draw(axis.capitalize(), pair) for draw in (_gain, _phase, _step) for axis, pair in shown.items()
@@ -54,9 +55,9 @@ def _gain(name: str, pair: _Pair) -> Panel:
     return Panel(
         title=f"{name}: gain",
         x=_FREQUENCY,
-        y=Axis(label="gain", log=True),
+        y=Axis(label="gain", unit="dB", low=-60.0, high=40.0),
         curves=tuple(_of_curves(pair, _gain_curves)),
-        levels=(Level(value=1.0, role="muted"),),
+        levels=(Level(value=0.0, role="muted"),),
     )
 
 
@@ -96,9 +97,9 @@ def _of_curves(pair: _Pair, draw: Callable[[LoopCurve, str, str], tuple[Curve, .
 def _gain_curves(curve: LoopCurve, label: str, role: str) -> tuple[Curve, ...]:
     x = curve.frequency_hz
     return (
-        Curve(label=f"{label}, 95 %", x=x, y=curve.gain_low, role=role, mark="dashed"),
-        Curve(label=f"{label}, 95 %", x=x, y=curve.gain_high, role=role, mark="dashed"),
-        Curve(label=label, x=x, y=np.abs(curve.response), role=role),
+        Curve(label=f"{label}, 95 %", x=x, y=decibels(curve.gain_low), role=role, mark="dashed"),
+        Curve(label=f"{label}, 95 %", x=x, y=decibels(curve.gain_high), role=role, mark="dashed"),
+        Curve(label=label, x=x, y=decibels(np.abs(curve.response)), role=role),
     )
 
 

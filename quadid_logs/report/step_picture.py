@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -24,7 +24,7 @@ _ARRIVED: Final = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
-    """A line and its band as points of SVG; ``name`` is a class of the page's style."""
+    """A line and its band, "" for none, as points of SVG; ``name`` is a class of the page's style."""
 
     name: str
     line: str
@@ -38,15 +38,22 @@ class StepPicture(Picture):
     curves: tuple[Curve, ...]
 
 
-def step_picture(axis: str, found: AxisTuning) -> StepPicture | None:
-    """Return the picture of one axis, None where nothing changes."""
+def step_picture(axis: str, found: AxisTuning, flown: Step | None = None) -> StepPicture | None:
+    """Return the picture of one axis, None where nothing changes.
+
+    ``flown`` is the step of the flight; what the log shows of it is drawn, too.
+    """
     before, after = found.step_now, found.step_next
     if found.verdict != "change" or after is None:
         return None
     steps = {"after": after} if before is None else {"before": before, "after": after}
     settled = [one.settling_time_s.value for one in steps.values() if np.isfinite(one.settling_time_s.value)]
     end_s = min(max([*settled, 0.2]) * _SHOWN, float(after.time_s[-1]))
-    top = 1.05 * max(float(one.high[one.time_s <= end_s].max()) for one in steps.values())
+    measured = None
+    if flown is not None and flown.measured is not None and np.isfinite(flown.measured).all():
+        measured = replace(flown, response=flown.measured, high=flown.measured)
+    drawn = [*steps.values(), *([measured] if measured else [])]
+    top = 1.05 * max(float(one.high[one.time_s <= end_s].max()) for one in drawn)
     bottom = min(0.0, *(float(one.low[one.time_s <= end_s].min()) for one in steps.values()))
     x = Scale(0.0, end_s, _LEFT, WIDTH - _RIGHT)
     y = Scale(bottom, max(top, 1.2), _HEIGHT - _BOTTOM, _TOP)
@@ -60,9 +67,12 @@ def step_picture(axis: str, found: AxisTuning) -> StepPicture | None:
         )
         for name, one in steps.items()
     ]
+    curves = tuple(_curve(name, one, x, y) for name, one in steps.items())
+    if measured is not None:
+        curves = (replace(_curve("measured", measured, x, y), band=""), *curves)
     return StepPicture(
         axis=axis,
-        curves=tuple(_curve(name, one, x, y) for name, one in steps.items()),
+        curves=curves,
         across=tuple((x.at(value), f"{number(value, 2)} s") for value in (0.0, 0.5 * end_s, end_s)),
         up=tuple((y.at(value), number(value)) for value in (0.0, 0.5, 1.0)),
         words=f"{axis.capitalize()} rate after a step of its set-point: {'; '.join(told)}.",

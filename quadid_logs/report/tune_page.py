@@ -43,7 +43,9 @@ def tune_page(
         A complete HTML document; every text is escaped by the template.
     """
     result, provenance = without_folders(result, provenance)
-    pictures = [step_picture(axis, found) for axis, found in tuning.axes.items()]
+    loops = {} if result.closed_loop is None else result.closed_loop.axes
+    flown = {axis: loop.step for axis, loop in loops.items()}
+    pictures = [step_picture(axis, found, flown.get(axis)) for axis, found in tuning.axes.items()]
     filters = [filter_picture(axis, found) for axis, found in tuning.axes.items()]
     page: str = (
         environment()
@@ -53,6 +55,7 @@ def tune_page(
             what_if=what_if_parts(grids or {}),
             step_note=advice_for(result.log.autopilot).step_note(result.log.parameters),
             pictures=[one for one in pictures if one is not None],
+            steps_measured=any(curve.name == "measured" for one in pictures if one for curve in one.curves),
             filters=[one for one in filters if one is not None],
             provenance={
                 "version": provenance.version,
