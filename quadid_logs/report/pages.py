@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -21,10 +22,26 @@ def environment(*packages: str) -> Environment:
     from jinja2 import ChoiceLoader, PackageLoader, StrictUndefined
     from jinja2 import Environment as Jinja
 
-    return Jinja(
+    made = Jinja(
         loader=ChoiceLoader([PackageLoader(name) for name in (*packages, "quadid_logs.report")]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.filters["by_sentence"] = by_sentence
+    return made
+
+
+def by_sentence(text: str) -> list[tuple[str, bool]]:
+    """Return the sentences of a text, and whether each holds a command between backticks.
+
+    A page that is printed to be shown to others leaves those out: its readers do not have the log.
+
+    Examples
+    --------
+    >>> by_sentence("Keep the gains. `quadid-log tune a. B.bin` writes files. Land.")
+    [('Keep the gains.', False), ('`quadid-log tune a. B.bin` writes files.', True), ('Land.', False)]
+    """
+    pieces = re.findall(r"(?:`[^`]*`|.)+?(?:(?<=[.!?])(?=\s+[A-Z`])|$)", text, re.DOTALL)
+    return [(piece.strip(), "`quadid-log " in piece) for piece in pieces if piece.strip()]

@@ -6,6 +6,7 @@ import json
 import re
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from quadid_logs.report.provenance import provenance_of
 from quadid_logs.report.view import view_of
 from tests import chromium
 from tests.marks import thorough
-from tests.synthetic_results import hostile_result, usable_result
+from tests.synthetic_results import hostile_result, refused_result, synthetic_health, usable_result
 
 pytestmark = [
     pytest.mark.browser,
@@ -270,6 +271,22 @@ def test_the_summary_is_printed_on_one_page(browser: chromium.Browser, page: Pat
     assert len(re.findall(rb"/Type\s*/Page[^s]", browser.pdf())) == 1
     becomes(browser, "document.documentElement.dataset.print", None)
     assert browser.run("document.querySelectorAll('details[open]').length") == 0
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_the_summary_on_paper_holds_no_command_and_what_a_refused_log_shows(
+    browser: chromium.Browser, page: Path, tmp_path: Path, refused: bool
+) -> None:
+    """Who gets the page has no log to run a command on; a refusal alone would tell him nothing."""
+    log = replace(refused_result(), health=synthetic_health("This is the judgement."))
+    browser.show(1280, media="print")
+    browser.open(write_page(log, tmp_path) if refused else page)
+    text = "document.body.innerText"
+    assert refused or "quadid-log " in browser.run(text)
+    browser.run("document.documentElement.dataset.print = 'summary'")
+    assert "quadid-log " not in browser.run(text)
+    assert ("This is the judgement." in browser.run(text)) == refused
+    assert len(re.findall(rb"/Type\s*/Page[^s]", browser.pdf())) == 1
 
 
 @pytest.mark.thorough
