@@ -63,6 +63,11 @@ def fleet(
         If the store cannot be written, or was made otherwise; if the scheduler does not answer or a library
         is missing; if a log or a table was read from no file.
 
+    Notes
+    -----
+    Local workers import the script that calls this, as those of `multiprocessing` do: in a script, call it
+    below ``if __name__ == "__main__":``, or each worker runs all of the script again.
+
     Examples
     --------
     >>> import quadid_logs
