@@ -186,7 +186,7 @@ def test_commands_between_backticks_are_set_as_code_and_stay_escaped(usable: Res
     axes = dict.fromkeys(("roll", "pitch", "yaw"), "not comparable")
     comparison = Comparison(structure="", quantities=(), axes=axes, reasons={}, advice=advice)  # type: ignore[arg-type]
     page = comparison_page(usable, usable, comparison)
-    assert "<li>Run <code>quadid-log tune &lt;b&gt;</code>, or not: one ` alone.</li>" in page
+    assert ">Run <code>quadid-log tune &lt;b&gt;</code>, or not: one ` alone.</" in page
 
 
 def test_a_refused_flight_is_not_told_to_export() -> None:
