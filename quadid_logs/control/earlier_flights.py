@@ -22,6 +22,7 @@ from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Model
+from quadid_logs.maths.even_draws import Drawn
 from quadid_logs.maths.multiple_tests import holm
 from quadid_logs.maths.normal import NORMAL_95
 
@@ -34,8 +35,6 @@ _WEIGHTS: Final = tuple(np.linspace(0.02, 0.98, 25).tolist())
 _SHARED: Final = np.array([0.0, 1.0, 1.0, 1.0, 0.0])
 #: Below this part of a variance is rounding.
 _ROUNDING: Final = 1e-9
-#: What this flight differs in from earlier ones is drawn independently of what the next one will.
-_SEED: Final = 4
 
 
 class _Drawn(NamedTuple):
@@ -146,7 +145,7 @@ def by_earlier(
     found = with_earlier(last, controller, before)
     if found.differ or found.loop.plants is None:
         return Joined(now, differ=places)
-    plants = of_next_flight(found.loop.plants._replace(modes=None), seed=_SEED)
+    plants = of_next_flight(found.loop.plants._replace(modes=None), Drawn.BETWEEN_FLIGHTS)
     own = None if model.posterior is None else draw(model.posterior, number, controller.period_s)
     if own is not None and _same_by_chance(own, found.loop.plants) < _SAME_VEHICLE:
         return Joined(now, differ=places)

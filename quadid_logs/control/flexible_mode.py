@@ -23,6 +23,7 @@ from quadid_logs.data.closed_loop import FrameModes, ModeEvidence, Modes, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.maths.band import ComplexArray
+from quadid_logs.maths.even_draws import Drawn, even_uniform
 from quadid_logs.maths.instrument_response import INDEPENDENT, tapered_spectra
 from quadid_logs.maths.normal import ENDS_95
 from quadid_logs.maths.spectra import WINDOW_S
@@ -228,7 +229,7 @@ def _weighed(
     absent = float(np.prod(1.0 - present))
     random = np.random.default_rng(_SEED)
     drawn = [_drawn(wanted, gained, band, loop, n, random) for band in bands]
-    return _most_of(drawn, present, absent < _SEEN, random), absent
+    return _most_of(drawn, present, absent < _SEEN, random, n), absent
 
 
 def _candidates(controller: AxisController, fitted_hz: float, known_hz: float) -> _Candidates | None:
@@ -575,7 +576,7 @@ def _present(gained: FloatArray, n_frequencies: int) -> float:
 
 
 class _Drawn(NamedTuple):
-    """Modes of one band, and how far each goes towards -1; (n_modes,), the estimate's first."""
+    """Modes of one band, and how far each goes towards -1; (1 + n_spare,), the estimate's first."""
 
     modes: Modes
     used: FloatArray
@@ -589,32 +590,52 @@ def _drawn(
     n: int,
     random: np.random.Generator,
 ) -> _Drawn:
-    """Draw modes of one band with which the vehicle could have flown; that of the estimate first."""
-    weight = np.exp(gained[band] - gained[band].max()).ravel()
-    picked = random.choice(weight.size, size=_SPARE_DRAWS * n, p=weight / weight.sum())
+    """Draw modes of one band with which the vehicle could have flown; that of the estimate first.
+
+    Several for each of the ``n`` that are wanted.
+    """
+    weight = np.cumsum(np.exp(gained[band] - gained[band].max()).ravel())
+    picked = np.searchsorted(weight, weight[-1] * _even(_SPARE_DRAWS * n, random), side="right")
     place, kind = np.divmod(picked, gained.shape[1])
     modes = _of_numbers(wanted, band[place], kind, random.uniform(-0.5, 0.5, picked.size))
     used = _gain_used(modes, *loop)
     flies = np.flatnonzero(used < 1.0)
     if not flies.size:
-        none = np.zeros(1 + n, dtype=np.int64)
+        none = np.zeros(1 + picked.size, dtype=np.int64)
         return _Drawn(_without(modes.at(none)), used[none])
     middle = flies[np.argsort(used[flies])[flies.size // 2]]
-    taken = np.append(middle, np.resize(flies, n))
+    taken = np.append(middle, np.resize(flies, picked.size))
     return _Drawn(modes.at(taken), used[taken])
 
 
-def _most_of(drawn: list[_Drawn], present: FloatArray, seen: bool, random: np.random.Generator) -> Modes:
-    """Return of the modes that a vehicle has the one that takes most of its gain, or none."""
+def _even(n: int, random: np.random.Generator) -> FloatArray:
+    """Return numbers between 0 and 1 in random order, one in each of n equal parts, (n,)."""
+    return np.asarray((random.permutation(n) + random.random(n)) / n, dtype=np.float64)
+
+
+def _most_of(
+    drawn: list[_Drawn], present: FloatArray, seen: bool, random: np.random.Generator, n: int
+) -> Modes:
+    """Return of the modes that a vehicle has the one that takes most of its gain, or none; (1 + n,).
+
+    In the order of what they take, vehicles get those of even numbers: how bad the worst of them are does
+    not depend on which were drawn.
+    """
     used = np.stack([each.used for each in drawn])
-    there = random.random(used.shape) < present[:, np.newaxis]
+    n_spare = used.shape[1] - 1
+    there = np.empty(used.shape, dtype=np.bool_)
+    there[:, 1:] = [_even(n_spare, random) < one for one in present.tolist()]
     there[:, 0] = present == present.max()
-    there[:, 1:] &= random.random(used.shape[1] - 1) >= _NO_MODE
+    there[:, 1:] &= _even(n_spare, random) >= _NO_MODE
     which = np.argmax(np.where(there, used, -1.0), axis=0)
     every = [np.stack(values) for values in zip(*(each.modes for each in drawn), strict=True)]
     modes = Modes(*(values[which, np.arange(which.size)] for values in every))
     there[:, 0] &= seen
-    return modes._replace(gain=np.where(there.any(axis=0), modes.gain, 0.0))
+    modes = modes._replace(gain=np.where(there.any(axis=0), modes.gain, 0.0))
+    taken = np.max(np.where(there, used, -1.0), axis=0)[1:]
+    even = even_uniform(Drawn.MODE, n, _SEED)[:, 0]
+    numbers = 1 + np.argsort(taken, kind="stable")[(even * n_spare).astype(np.int64)]
+    return modes.at(np.append(0, numbers))
 
 
 def _gain_used(modes: Modes, controller: AxisController, estimate: Plant) -> FloatArray:

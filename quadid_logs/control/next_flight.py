@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.data.closed_loop import Plant
+from quadid_logs.maths.even_draws import Drawn, even_normal
 from quadid_logs.maths.normal import NORMAL_95
 
 #: Spread between flights of one vehicle, which the intervals do not hold (95 %). Measured on one simulated
@@ -21,15 +22,16 @@ EFFECTIVENESS_SPREAD: Final = 0.03
 _SEED = 2
 
 
-def of_next_flight(plants: Plant, *, seed: int = _SEED) -> Plant:
+def of_next_flight(plants: Plant, what: Drawn = Drawn.NEXT_FLIGHT, *, seed: int = _SEED) -> Plant:
     """Return the vehicles with what may be different in another flight.
 
     Parameters
     ----------
     plants : Plant
         The estimate, then vehicles drawn around it.
+    what : Drawn
+        `BETWEEN_FLIGHTS` for what differs from an earlier flight to this one: that is independent.
     seed : int
-        Another one for a flight after or before the next one: what differs between flights is independent.
 
     Returns
     -------
@@ -37,8 +39,8 @@ def of_next_flight(plants: Plant, *, seed: int = _SEED) -> Plant:
         The estimate as it is; each of the others a little more or less effective, damped, and late.
     """
     n = plants.effectiveness.size
-    random = np.random.default_rng(seed).standard_normal((3, n)) / NORMAL_95
-    random[:, :1] = 0.0
+    random = np.zeros((3, n))
+    random[:, 1:] = even_normal(what, n - 1, seed).T / NORMAL_95
     return plants._replace(
         effectiveness=plants.effectiveness * (1.0 + EFFECTIVENESS_SPREAD * random[0]),
         damping=plants.damping * (1.0 + DAMPING_SPREAD * random[1]),

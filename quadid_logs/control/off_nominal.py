@@ -32,6 +32,7 @@ from quadid_logs.data.closed_loop import Estimated, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.off_nominal import Condition, ConditionKind, ConditionMargins, Ranges, ThrustLaw
 from quadid_logs.data.tuning import Limits
+from quadid_logs.maths.even_draws import Drawn, even_normal, even_uniform
 from quadid_logs.maths.normal import ENDS_95, NORMAL_95
 
 #: Voltage of a lithium-polymer cell that is full, and where pilots are warned to land (docs/health.md) [V].
@@ -152,11 +153,10 @@ class _Motors(NamedTuple):
 
 def _motors(point: FlownPoint, n_plants: int) -> _Motors:
     """Return what moves the estimate, then what moves vehicles that the log allows."""
-    random = np.random.default_rng(_SEED)
     middle, reach = 0.5 * sum(_EXPOS), 0.5 * (_EXPOS[1] - _EXPOS[0])
-    even = random.uniform(-1.0, 1.0, (3, n_plants))
-    normal = random.standard_normal(n_plants) / NORMAL_95
-    even[:, 0] = normal[0] = 0.0
+    even, normal = np.zeros((3, n_plants)), np.zeros(n_plants)
+    even[:, 1:] = 2.0 * even_uniform(Drawn.MOTORS, n_plants - 1, _SEED).T - 1.0
+    normal[1:] = even_normal(Drawn.MOTORS, n_plants - 1, _SEED)[:, 0] / NORMAL_95
     expo = middle + reach * even[0]
     if np.isfinite(point.expo):
         expo = point.expo + point.expo_half_width * normal

@@ -1,4 +1,4 @@
-"""Vehicles that the flight allows, drawn from what it tells of them together."""
+"""Vehicles that the flight allows, drawn evenly from what it tells of them together."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import numpy as np
 
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.model import Posterior
+from quadid_logs.maths.even_draws import Drawn, even_normal, even_uniform
 
-#: The 2.5 % quantile of so many draws is itself known to a fifth of a standard deviation.
+#: The 2.5 % quantile of a margin over so many draws is itself known to a twelfth of a standard deviation (of
+#: so many random ones, to an eighth).
 N_DRAWS: Final = 400
 #: Every analysis of a log draws the same vehicles.
 _SEED = 1
@@ -40,29 +42,31 @@ def draw(
     The identified delay contains the zero-order hold of the loop, half its period, which a `Plant` does not.
     Where it is shorter than that, the stamps of torque and rate are off by at least the difference: the
     delay is taken for none then, and is as uncertain as that.
+    Standard deviations are drawn along the covariance's own root, which is symmetric: vehicles that flights
+    tell almost alike are drawn almost alike.
     Rotors and air brake: a damping that is estimated as none is drawn on that side alone, and the other
     numbers as they go with it.
     """
     mean, covariance = posterior.mean[axis], posterior.covariance[axis]
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all() and mean[0] > 0.0):
         return None
-    random = np.random.default_rng(seed)
     # Products of the standard deviations, so that numbers of one size are factored; one for none.
     deviation = np.sqrt(np.diag(covariance))
     deviation = np.where(deviation > 0.0, deviation, 1.0)
     variance, axes = np.linalg.eigh(covariance / np.outer(deviation, deviation))
-    root = axes * np.sqrt(np.maximum(variance, 0.0))
-    drawn = mean + (random.standard_normal((n_draws, len(mean))) @ root.T) * np.sqrt(np.diag(covariance))
+    root = (axes * np.sqrt(np.maximum(variance, 0.0))) @ axes.T
+    drawn = mean + (even_normal(Drawn.NUMBERS, n_draws, seed) @ root) * np.sqrt(np.diag(covariance))
     if posterior.only_brakes[axis]:
         drives = np.maximum(drawn[:, 1], 0.0)
         drawn -= 2.0 * drives[:, np.newaxis] * covariance[1] / covariance[1, 1]
     effectiveness, damping, lag_s, delay_s, reaction = np.vstack([mean, drawn]).T
     effectiveness = np.maximum(effectiveness, 0.01 * mean[0])
     unheld_s = delay_s - 0.5 * hold_s
-    as_lag_s = np.append(0.0, random.uniform(0.0, 1.0, n_draws)) * np.clip(
-        unheld_s, 0.0, posterior.lag_or_delay_s
+    part, stamps = (
+        np.append(0.0, even_uniform(one, n_draws, seed)[:, 0]) for one in (Drawn.LAG_OR_DELAY, Drawn.STAMPS)
     )
-    short_s = max(0.0, -float(unheld_s[0])) * np.append(0.0, random.uniform(-1.0, 1.0, n_draws))
+    as_lag_s = part * np.clip(unheld_s, 0.0, posterior.lag_or_delay_s)
+    short_s = max(0.0, -float(unheld_s[0])) * np.append(0.0, 2.0 * stamps[1:] - 1.0)
     return Plant(
         effectiveness=effectiveness,
         damping=damping,

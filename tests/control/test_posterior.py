@@ -37,6 +37,18 @@ def test_drawn_vehicles_have_the_posteriors_mean_and_covariance() -> None:
     np.testing.assert_allclose(drawn.std(axis=1), DEVIATION, rtol=0.03)
 
 
+def test_vehicles_that_two_flights_tell_almost_alike_are_drawn_almost_alike() -> None:
+    """Nothing hangs on the axes of an ellipsoid that is nearly a ball, which may point anywhere."""
+    mean, told = np.array([300.0, -2.0, 0.03, 0.01, 12.0]), []
+    for mixed in (1e-3, -1e-3):
+        correlation = np.eye(5) + mixed * (np.ones((5, 5)) - np.eye(5))
+        covariance = np.tile(correlation * np.outer(DEVIATION, DEVIATION), (3, 1, 1))
+        plants = draw(replace(posterior(mean), covariance=covariance), 0, HOLD_S)
+        assert plants is not None
+        told.append(plants.effectiveness)
+    assert np.abs(told[0] - told[1]).max() < 0.02 * DEVIATION[0]
+
+
 def test_the_lead_of_a_drawn_vehicle_is_its_own_reaction_over_its_own_effectiveness() -> None:
     """Far above its corner yaw turns with the reaction alone, whatever the effectiveness is."""
     mean, deviation = np.array([60.0, -0.5, 0.025, 0.002, 10.0]), np.array([6.0, 0.0, 0.0, 0.0, 0.1])
