@@ -7,6 +7,7 @@ flight changes gains by one step; what is promised of it is computed from the va
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
@@ -62,6 +63,9 @@ MOST_DOWN: Final = 0.5
 _SAME: Final = (0.95, 1.10)
 #: Gains this near to the best are right as they are: attitude error in gusts over that of the best.
 _NEAR_BEST: Final = 1.3
+#: Costs this near to each other are the same; of the way between two, a search goes on within these parts.
+_SAME_COST: Final = 1.03
+_WITHIN: Final = (0.1, 0.9)
 #: Of the limits, what a loop that is close to instability does not keep any more.
 _POOR: Final = min(POOR.gain_db / GOOD.gain_db, POOR.phase_deg / GOOD.phase_deg)
 #: What margins may cost: so many times the attitude error of gusts, or as slow an attitude, or as little left
@@ -287,9 +291,8 @@ def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bo
         separate = search.apart(target) if apart or not target.reached else None
     # Uncertainty is no reason to reject gusts much worse than what flies, or than what the estimate takes.
     cost = search.cost_of(separate, target) if apart else 0.0
-    told = search.as_told() if cost > _NEAR_BEST else None
-    if told is not None and (by_estimate := told.apart(Found(1.0, reached=False))) is not None:
-        separate = by_estimate if cost > _NEAR_BEST * told.cost_of(by_estimate, target) else separate
+    if cost > _NEAR_BEST:
+        separate = search.relaxed(cost) or separate
     if separate is not None:
         return separate
     if target.reached and target.factor > _SAME[1]:
@@ -348,16 +351,70 @@ class _Search:
         held = self._conditions.no_less_than_flown(self._limits)
         return _Search(self._case, held, self._model, self._rebuild, self._limits, apart=self._apart)
 
-    def as_told(self) -> _Search | None:
-        """Return the search for gains with which the estimate keeps the limits, others what they flew with.
+    def relaxed(self, cost: float) -> AxisTuning | None:
+        """Return the step towards gains with which drawn vehicles keep as much of the limits as is worth it.
 
-        None of these is close to instability. None where the flown gains keep the limits as estimated, or are
-        close to instability themselves: that is no uncertainty.
+        The estimate keeps the limits. Of the others, in each condition, as much is required as costs no more
+        than `_NEAR_BEST` times what flies: from what they flew with, and none close to instability, whatever
+        that takes, up to the limits, which take ``cost``.
+
+        Parameters
+        ----------
+        cost : float
+            As of `cost_of`, infinite where no gains keep the limits.
+
+        Returns
+        -------
+        AxisTuning or None
+            None where the flown gains keep the limits as estimated, or are close to instability themselves:
+            that is no uncertainty. And where the limits are worth what they cost.
         """
         if self.is_kept_as_told() or self._told_spare < _POOR:
             return None
-        held = self._conditions.as_told(self._limits, _POOR)
-        return _Search(self._case, held, self._model, self._rebuild, self._limits, apart=self._apart)
+        least = self._conditions.as_told(self._limits, _POOR)
+
+        def required(part: float) -> _Search:
+            held = self._conditions.nearer(least, part)
+            return _Search(self._case, held, self._model, self._rebuild, self._limits, apart=self._apart)
+
+        best = required(0.0)
+        lowest = best.reached_cost()
+        most = max(_NEAR_BEST, lowest)
+        if not np.isfinite(lowest) or cost <= most:
+            return None
+        low, high = (0.0, lowest), (1.0, cost)
+        for _ in range(_HALVINGS):
+            if low[1] >= most / _SAME_COST:
+                break
+            # The cost rises about as the logarithm of what is required.
+            way = math.log(most / low[1]) / math.log(high[1] / low[1]) if math.isfinite(high[1]) else 0.5
+            part = low[0] + float(np.clip(way, *_WITHIN)) * (high[0] - low[0])
+            tried = required(part)
+            reached = tried.reached_cost(best.best())
+            if reached > most:
+                high = (part, reached)
+                continue
+            best, low = tried, (part, reached)
+        return best.apart(Found(1.0, reached=False))
+
+    def reached_cost(self, near: tuple[SeparateGains, Mapping[str, float]] | None = None) -> float:
+        """Return the cost of the best gains one by one, infinite where none keep what is required.
+
+        Parameters
+        ----------
+        near : tuple, optional
+            As of `best`: where the search begins, instead of everywhere.
+
+        Returns
+        -------
+        float
+        """
+        if self._best is None and near is not None and (search := self._separate()) is not None:
+            self._best = search, search.target_near(near[1])
+        best = self.best()
+        if best is None or not best[0].keeps(best[1]):
+            return float("inf")
+        return best[0].cost(best[1])
 
     def cost_of(self, separate: AxisTuning | None, common: Found) -> float:
         """Return the cost, over the flown gains, of those found each by itself, or of a factor on all."""
@@ -562,8 +619,9 @@ class _Search:
         search = self._separate()
         if search is None:
             return None
-        target = search.target(common.factor)
-        self._best = search, target
+        if self._best is None or common.reached:
+            self._best = search, search.target(common.factor)
+        search, target = self._best
         low, high = _SAME
         if all(low <= factor <= high for factor in target.values()) or not search.keeps(target):
             return None

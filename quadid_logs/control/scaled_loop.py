@@ -458,6 +458,25 @@ class HeldLoops(NamedTuple):
         drawn = min(max(self._replace(drawn=1.0).kept(limits).as_flown, least), 1.0)
         return self.no_less_than_flown(limits)._replace(drawn=drawn)
 
+    def nearer(self, told: HeldLoops, part: float) -> HeldLoops:
+        """Return the loops of which a part more is required than of others of the same vehicles, up to all.
+
+        Parameters
+        ----------
+        told : HeldLoops
+            Of which less is required.
+        part : float
+            Of the way from there.
+
+        Returns
+        -------
+        HeldLoops
+        """
+        least = told.part if told.otherwise else 0.0
+        required = least + part * (self.part - least)
+        drawn = told.drawn + part * (self.drawn - told.drawn)
+        return self._replace(otherwise=self.otherwise if required > 0.0 else (), part=required, drawn=drawn)
+
 
 def spare_of(figures: LoopFigures, limits: Limits) -> FloatArray:
     """Return how much of each limit loops keep, one by one: `spare` without an interval.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from typing import Final, NamedTuple
 
@@ -52,8 +52,7 @@ _GRID: Final = 3
 _STARTS: Final = 2
 #: Where none keep the limits, the search goes on in so many steps.
 _MOST_TRIALS: Final = 100
-#: Vehicles that a change of gains is to be better for, and how many of them.
-_FEW_DRAWS: Final = 81
+#: Part of the vehicles that a change of gains is to be better for, and that keep the limits.
 _WORST: Final = 0.975
 #: Of the way to gains that some vehicles do not bear, what is tried.
 _PARTS: Final = (1.0, 0.85, 0.7, 0.5, 0.35)
@@ -291,22 +290,14 @@ class SeparateGains:
         self._varied, self._names, self._now = varied, varied.names, varied.now
         self._paths, self._loops, self._rebuild, self._limits = paths, loops, rebuild, limits
         self._is_refiltered = False
-        self._held, self._few_held = held, held.first(_FEW_DRAWS)
-        self._few = self._few_held.loops
-        # Each of them also with dynamics that nobody measured; a mode of the frame may bear those better.
-        later = unmodelled(loops.frequency_hz, loops.known_hz)
-        bodies = [one.body for one in (self._few, *self._few_held.otherwise)]
-        self._bodies = np.stack([either for body in bodies for either in (body, body * later)])
-        #: Part of the limits that each of them is to keep, (n_bodies, n_plants).
-        self._part = np.full(self._bodies.shape[:2], held.part)
-        self._part[:_AS_FLOWN] = held.drawn
-        self._part[0, 0] = 1.0
-        #: Of these, (n_bodies, n_plants): the estimate and those that are the worst in what limits the gains.
-        self._decisive = np.zeros(self._bodies.shape[:2], dtype=np.bool_)
-        self._decisive[1, 0] = True
+        self._held = held
+        self._groups = tuple(_groups(held))
+        #: Of each group: the estimate, and those that are the worst in what limits the gains.
+        self._decisive = [np.zeros(one.every.part.size, dtype=np.bool_) for one in self._groups]
+        self._decisive[1][0] = True
         # Where drawn vehicles are to keep less, the estimate decides by itself.
-        self._decisive[0, 0] = held.drawn < 1.0
-        self._latest: tuple[BoolArray, tuple[ComplexArray, FloatArray, FloatArray]] | None = None
+        self._decisive[0][0] = held.drawn < 1.0
+        self._latest: _Vehicles | None = None
         #: What the search requires, over that: gains in a file are rounded.
         self._aim = 1.0
         self._highest = _BOUNDS[1]
@@ -327,7 +318,8 @@ class SeparateGains:
     def anew(self) -> SeparateGains:
         """Return a search that learns by itself which vehicles decide."""
         other = copy(self)
-        other._decisive = self._decisive.copy()
+        other._decisive = [one.copy() for one in self._decisive]
+        other._latest = None
         return other
 
     def behind(self, filters: Mapping[str, float], log_hz: float, most_noise: float) -> SeparateGains | None:
@@ -381,25 +373,47 @@ class SeparateGains:
         bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
         return self._searched(begin, bounds)
 
+    def target_near(self, begin: Mapping[str, float]) -> dict[str, float]:
+        """Return what `target` does, searched near some factors alone.
+
+        Parameters
+        ----------
+        begin : mapping of str to float
+
+        Returns
+        -------
+        dict of str to float
+        """
+        self._add_decisive(begin)
+        bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
+        return self._searched(dict(begin), bounds, everywhere=False)
+
     def _searched(
         self,
         begin: dict[str, float],
         bounds: _Bounds,
         most_up: float = np.inf,
+        *,
+        everywhere: bool = True,
     ) -> dict[str, float]:
         """Search until the vehicles that decide are known; return the best factors that all of them bear."""
         tried: list[dict[str, float]] = []
-        begins = [begin, *self._best_of_a_grid(bounds, most_up)]
-        for _ in range(_ROUNDS):
+        begins, borne = [begin, *(self._best_of_a_grid(bounds, most_up) if everywhere else ())], False
+        while not borne and len(tried) < _ROUNDS:
             tried.append(self._search(begins, bounds, most_up))
-            if self._bear(tried[-1], 1.0 - _ROUNDING):
+            if self._least_kept(tried[-1]) < -_ROUNDING:
+                # Some of the vehicles bear no gains: nor do they with others beside them.
                 break
-            if not self._add_decisive(tried[-1]) and not self._aim_higher(tried[-1]):
+            borne = self._bear(tried[-1], 1.0 - _ROUNDING)
+            if not borne and not self._add_decisive(tried[-1]) and not self._aim_higher(tried[-1]):
                 break
             begins = [tried[-1]]
         self._aim = 1.0
-        ends = (self._up_to_the_limits(found) for found in (*tried, self._flown))
-        return min((one for one in ends if one is not None), key=self.cost, default=tried[-1])
+        # What is borne is the best of its kind; but gains that flew may keep as much at less cost.
+        ends = tried[-1:] if borne else [end for one in tried if (end := self._up_to_the_limits(one))]
+        if (not ends or min(map(self.cost, ends)) > 1.0) and self.keeps(self._flown):
+            ends = [*ends, self._flown]
+        return min(ends, key=self.cost, default=tried[-1])
 
     def _aim_higher(self, factors: Mapping[str, float]) -> bool:
         """Ask for more of the limits where gains keep them until they are rounded; tell whether they do."""
@@ -411,22 +425,21 @@ class SeparateGains:
 
     def _least_kept(self, factors: Mapping[str, float]) -> float:
         """Return how much the decisive vehicles keep of the limits, beyond what is required."""
-        return float(np.min(self._spare(self._paths.at(_sets(factors)), self._decisive))) - 1.0
+        return float(np.min(self._spare(self._paths.at(_sets(factors))))) - 1.0
 
     def _add_decisive(self, factors: Mapping[str, float]) -> bool:
         """Add the vehicles that lack most with some gains, for each limit; tell whether any is new."""
-        every = np.ones_like(self._decisive)
-        kept = self._spare(self._paths.at(_sets(factors)), every).reshape(
-            len(self._bodies), len(self._few.body), -1
-        )
-        rank = round((1.0 - _WORST) * (kept.shape[1] - 1))
-        worst = np.argsort(kept, axis=1, kind="stable")[:, rank : rank + _DECISIVE]
-        lacking = np.take_along_axis(kept, worst, axis=1) < 1.0
-        lacking[:_AS_FLOWN, 0] = True
-        before = np.count_nonzero(self._decisive)
-        for decisive, numbers, lack in zip(self._decisive, worst, lacking, strict=True):
-            decisive[numbers[lack]] = True
-        return bool(np.count_nonzero(self._decisive) > before)
+        answers, self._latest, added = self._paths.at(_sets(factors)), None, 0
+        for place, (group, decisive) in enumerate(zip(self._groups, self._decisive, strict=True)):
+            kept = self._spare_of(answers * group.later, group.every)[0]
+            rank = round((1.0 - _WORST) * (len(kept) - 1))
+            worst = np.argsort(kept, axis=0, kind="stable")[rank : rank + _DECISIVE]
+            lacking = np.take_along_axis(kept, worst, axis=0) < 1.0
+            lacking[0] |= place < _AS_FLOWN
+            before = np.count_nonzero(decisive)
+            decisive[worst[lacking]] = True
+            added += int(np.count_nonzero(decisive) - before)
+        return bool(added)
 
     def _best_of_a_grid(self, bounds: _Bounds, most_up: float) -> list[dict[str, float]]:
         """Return the best of factors far apart: a search ends where it is best nearby."""
@@ -513,7 +526,7 @@ class SeparateGains:
         loop = self._loop(answers)
         attitude = self._attitude(loop)
         kept = [
-            self._spare(answers, self._decisive).reshape(len(answers), -1) - 1.0,
+            self._spare(answers).reshape(len(answers), -1) - 1.0,
             1.0 - np.maximum(attitude.peak_db, 0.0)[:, np.newaxis] / _MOST_PEAK_DB,
             1.0 - np.maximum(attitude.resonance_db, 0.0)[:, np.newaxis] / _MOST_RESONANCE_DB,
             -self._noise.beyond(loop)[:, np.newaxis],
@@ -545,7 +558,7 @@ class SeparateGains:
 
     def _loop(self, answers: ComplexArray) -> _Loop:
         """Return the loops of the estimate behind a controller's answers (n_sets, 3, n_frequencies)."""
-        back, by_angle, forward = np.moveaxis(self._few.body[0] * answers, 1, 0)
+        back, by_angle, forward = np.moveaxis(self._loops.body[0] * answers, 1, 0)
         return _Loop(back, back + by_angle if self._loops.angle is not None else None, forward)
 
     def _answer(self, factors: Mapping[str, FloatArray]) -> FloatArray:
@@ -561,20 +574,27 @@ class SeparateGains:
         answer = self._answer(factors)
         rises = answer / self._flown_answer
         if self._is_refiltered:
-            loop = answer * np.abs(self._few.body[0][self._above])
+            loop = answer * np.abs(self._loops.body[0][self._above])
             rises = np.where(loop > _SMALL_LOOP, rises, 0.0)
         return np.asarray(np.max(rises, axis=1))
 
     def _attitude(self, loop: _Loop) -> Attitude:
         return attitude_of(self._loops.frequency_hz, loop.rate, loop.full, loop.to_rate)
 
-    def _spare(self, answers: ComplexArray, which: BoolArray) -> FloatArray:
-        """Return how much of each limit some vehicles keep.
+    def _spare(self, answers: ComplexArray) -> FloatArray:
+        """Return how much of each limit the decisive vehicles keep, as `_spare_of`."""
+        if self._latest is None:
+            # A search asks for the same ones hundreds of times.
+            some = [one.some(which) for one, which in zip(self._groups, self._decisive, strict=True)]
+            self._latest = _Vehicles(*(np.concatenate(each) for each in zip(*some, strict=True)))
+        return self._spare_of(answers, self._latest)
 
-        Shape (n_sets, n_vehicles, n_limits), for answers of a controller (n_sets, 3, n_frequencies) and
-        vehicles that are marked in (n_bodies, n_plants).
+    def _spare_of(self, answers: ComplexArray, vehicles: _Vehicles) -> FloatArray:
+        """Return how much of each limit vehicles keep.
+
+        Shape (n_sets, n_vehicles, n_limits), for answers of a controller (n_sets, 3, n_frequencies).
         """
-        loops, (body, part, damping) = self._few, self._marked(which)
+        loops, (body, part, damping) = self._loops, vehicles
         back, by_angle, _ = np.moveaxis(answers, 1, 0)[:, :, np.newaxis]
         n = integrators(loops.controller)
         both = [(back, n)] if loops.angle is None else [(back, n), (back + by_angle, n + 1)]
@@ -600,21 +620,10 @@ class SeparateGains:
         kept = np.concatenate([told(*one) for one in both], axis=2)
         return np.asarray(kept / (self._aim * part[:, np.newaxis]))
 
-    def _marked(self, which: BoolArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
-        """Return the answers of marked vehicles, of which part of the limits, and their damping.
-
-        A search asks for the same ones hundreds of times.
-        """
-        if self._latest is None or not np.array_equal(self._latest[0], which):
-            part = self._part[which]
-            damping = np.broadcast_to(self._few.plants.damping, which.shape)[which]
-            self._latest = which.copy(), (self._bodies[which], part, damping)
-        return self._latest[1]
-
     def _bear(self, factors: Mapping[str, float], part: float) -> bool:
         """Tell whether some vehicles keep a part of all limits, with the gains of a file."""
         controller = self._rebuild(self._varied.values(factors))
-        return controller is not None and self._few_held.keep_with(controller, self._limits, Kept(part, part))
+        return controller is not None and self._held.keep_with(controller, self._limits, Kept(part, part))
 
     def keeps(self, target: Mapping[str, float]) -> bool:
         """Tell whether the limits are kept at a target: without that, no step towards it is worth a flight.
@@ -656,7 +665,7 @@ class SeparateGains:
         -------
         Quick
         """
-        self._decisive[0, 0] = True
+        self._decisive[0][0], self._latest = True, None
         bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
         near = {name: float(np.clip(one, *bounds[name])) for name, one in begin.items()}
         found = self._search([near], bounds, np.inf, rough=True)
@@ -698,7 +707,7 @@ class SeparateGains:
         """
         back, by_angle, _ = self._paths.at(_sets(self._flown))[0]
         answer = np.abs(back + by_angle)
-        both = (answer / np.abs(self._flown_whole), answer * np.abs(self._few.body[0]))
+        both = (answer / np.abs(self._flown_whole), answer * np.abs(self._loops.body[0]))
         more, loop = (float(np.interp(frequency_hz, self._loops.frequency_hz, one)) for one in both)
         return more, loop
 
@@ -714,15 +723,13 @@ class SeparateGains:
         -------
         float
         """
-        decisive = self._decisive
-        self._decisive = np.zeros_like(decisive)
-        self._decisive[0, 0] = True
+        alone = self.anew()
+        for one in alone._decisive:
+            one[:] = False
+        alone._decisive[0][0] = True
         bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
-        begins = [self._begin(common), *self._best_of_a_grid(bounds, np.inf)]
-        found = self._search(begins, bounds, np.inf)
-        told = self.cost(found)
-        self._decisive = decisive
-        return told
+        begins = [self._begin(common), *alone._best_of_a_grid(bounds, np.inf)]
+        return alone.cost(alone._search(begins, bounds, np.inf))
 
     def worst_error(self, factors: Mapping[str, float]) -> float:
         """Return the attitude error of gusts over that of the flown gains, in 97.5 % of the vehicles.
@@ -737,7 +744,7 @@ class SeparateGains:
         """
         back, by_angle, _ = self._paths.at(factors)
         flown, other = (
-            self._gusts.attitude_rad(self._few.body * answer)
+            self._gusts.attitude_rad(self._loops.body * answer)
             for answer in (self._flown_whole, back + by_angle)
         )
         return float(np.quantile(other / flown, _WORST))
@@ -797,7 +804,7 @@ class SeparateGains:
     def _is_small_step(self, factors: Mapping[str, float], most_up: float) -> bool:
         """Tell whether the controller's gain rises by no more than it may, by the vehicles that decide."""
         sets = _sets(factors)
-        spare = self._spare(self._paths.at(sets), self._decisive).reshape(1, -1)
+        spare = self._spare(self._paths.at(sets)).reshape(1, -1)
         return bool(self._rises(sets)[0] <= self._may_rise(spare, most_up)[0])
 
     def _promised(
@@ -807,9 +814,6 @@ class SeparateGains:
         changed = {name: 1.0 if abs(one - 1.0) < _UNCHANGED else one for name, one in factors.items()}
         controller = self._rebuild(self._varied.values(changed))
         if controller is None:
-            return None
-        # Some of the vehicles are quick to look at; all of them have the last word.
-        if not self._few_held.keep_with(controller, self._limits, self._enough):
             return None
         promised = self._loops.of(controller).margins()
         if not self._held.keep_with(controller, self._limits, self._enough, promised):
@@ -833,6 +837,48 @@ class SeparateGains:
             name: GainChange(now, following.get(name, now), wanted.get(name, now))
             for name, now in {**self._now, **self._varied.with_d, **common}.items()
         }
+
+
+class _Vehicles(NamedTuple):
+    """Vehicles of which a part of the limits is required.
+
+    Answers (n_plants, n_frequencies), parts and damping (n_plants,).
+    """
+
+    body: ComplexArray
+    part: FloatArray
+    damping: FloatArray
+
+
+class _Group(NamedTuple):
+    """Vehicles in one condition, as they are told or with dynamics that nobody measured.
+
+    ``later`` is what these make of their answers, (n_frequencies,).
+    """
+
+    every: _Vehicles
+    later: ComplexArray
+
+    def some(self, which: BoolArray) -> _Vehicles:
+        """Return the vehicles that are marked, (n_plants,), with what nobody measured."""
+        body, part, damping = self.every
+        return _Vehicles(body[which] * self.later, part[which], damping[which])
+
+
+def _groups(held: HeldLoops) -> Iterator[_Group]:
+    """Yield the vehicles as they fly, then in each other condition; either as told, then as nobody measured.
+
+    A mode of the frame may bear unmodelled dynamics better.
+    """
+    loops = held.loops
+    later = unmodelled(loops.frequency_hz, loops.known_hz)
+    for one, required in ((loops, held.drawn), *((one, held.part) for one in held.otherwise)):
+        part = np.full(one.plants.damping.size, required)
+        as_told = part.copy()
+        if one is loops:
+            as_told[0] = 1.0
+        yield _Group(_Vehicles(one.body, as_told, one.plants.damping), np.ones_like(later))
+        yield _Group(_Vehicles(one.body, part, one.plants.damping), later)
 
 
 class _Noise:
