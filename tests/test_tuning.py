@@ -230,8 +230,8 @@ def test_doubt_alone_costs_little_of_the_rejection_of_gusts() -> None:
     assert found.attitude_error < 1.33
     assert told_spare(doubted, {}) < 0.95
     assert told_spare(doubted, gains) > 0.98
-    # What reason leaves to the worst vehicles they are given: more than they flew with.
-    assert told_spare(doubted, gains, draws=401) > max(told_spare(doubted, {}, draws=401), 0.66) + 0.05
+    # What may be paid buys the worst vehicles, as they fly, the limits: they flew with 0.81 of them.
+    assert told_spare(doubted, gains, draws=401) > 0.95
 
 
 @pytest.mark.thorough
