@@ -73,7 +73,7 @@ def even_uniform(what: Drawn, n: int, seed: int = 0) -> FloatArray:
     S. Joe and F. Y. Kuo, SIAM Journal on Scientific Computing 30, 2008; in the order of their Gray code
     (Antonov and Saleev 1979), scrambled digit by digit (a random linear map of the digits, then a shift by
     exclusive or: J. Matousek, Journal of Complexity 14, 1998). Each dimension is scrambled by itself, so that
-    none depends on how many are asked for.
+    none depends on how many are drawn.
     """
     first, n_dimensions = what.value
     columns = [_column(dimension, n, seed) for dimension in range(first, first + n_dimensions)]
@@ -81,7 +81,18 @@ def even_uniform(what: Drawn, n: int, seed: int = 0) -> FloatArray:
 
 
 def even_normal(what: Drawn, n: int, seed: int = 0) -> FloatArray:
-    """Return standard normal numbers from the points of `even_uniform`, shape (n, n_dimensions)."""
+    """Return standard normal numbers from the points of `even_uniform`.
+
+    Parameters
+    ----------
+    what : Drawn
+    n, seed : int
+        As of `even_uniform`.
+
+    Returns
+    -------
+    ndarray, shape (n, n_dimensions)
+    """
     from scipy.special import ndtri
 
     return np.asarray(ndtri(even_uniform(what, n, seed)), dtype=np.float64)
