@@ -32,6 +32,8 @@ STAGES: Final = {
 }
 #: Where a patch changes what the stages return; who calls them may be patched.
 _INSIDE: Final = ("quadid_logs.identify", "quadid_logs.control.closed_loop", "quadid_logs.control.recommend")
+#: Whose calls of the stages are asked from what is kept.
+_CALLERS: Final = ("quadid_logs", "tests", "benchmarks", "study")
 _PATCHES: Final[WeakSet[pytest.MonkeyPatch]] = WeakSet()
 
 
@@ -133,10 +135,8 @@ def kept_stages(shelves: Mapping[str, Shelf]) -> Iterator[None]:
     with ExitStack() as patched:
         patched.enter_context(patch.object(tuning, "tune_axes", axis_by_axis))
         for kind, stage in (("identified", identify.identify), ("loops", closed_loop.close_loop)):
-            # Tests hold them by name, too.
-            for module in [
-                one for name, one in sys.modules.items() if name.startswith(("quadid_logs", "tests"))
-            ]:
+            # Tests and benchmarks hold them by name, too.
+            for module in [one for name, one in sys.modules.items() if name.startswith(_CALLERS)]:
                 if getattr(module, stage.__name__, None) is stage:
                     patched.enter_context(patch.object(module, stage.__name__, kept(kind, stage)))
         yield

@@ -53,8 +53,7 @@ ULOG = ("products-of-inertia.ulg", ulog_with)
     ("name", "damaged", "value"),
     [
         thorough(*DATAFLASH, math.nan),
-        (*DATAFLASH, 1e30),
-        *(thorough(*DATAFLASH, value) for value in (math.inf, -math.inf, -1.0)),
+        *(thorough(*DATAFLASH, value) for value in (1e30, math.inf, -math.inf, -1.0)),
         (*ULOG, math.nan),
         *(thorough(*ULOG, value) for value in (math.inf, -math.inf, 1e30, -1.0)),
     ],

@@ -27,7 +27,7 @@ from quadid_logs.report.view import view_of
 from quadid_logs.tuning import recommend, tuning_of
 from quadid_logs.vocabulary import AXES
 from tests.directed_flights import AUTOPILOTS, GAINS, OF_ONE_AXIS, QUICK, Case, cases_of, walked, with_gains
-from tests.marks import thorough, thorough_but
+from tests.marks import thorough_but
 
 #: What good loops keep, and below what they are close to instability: MIL-F-9490D and ADS-33E practice.
 KEPT = {"gain_margin_db": 6.0, "gain_margin_down_db": 6.0, "phase_margin_deg": 45.0, "disk_margin": 0.67}
@@ -256,7 +256,8 @@ def test_page_card_and_terminal_send_back_the_same_axes(
             )
 
 
-@pytest.mark.parametrize("apart", [thorough(True), False])
+@pytest.mark.thorough
+@pytest.mark.parametrize("apart", [True, False])
 def test_as_many_flights_as_told_lead_to_margins_that_are_kept(apart: bool) -> None:
     """Give or take one: each flight looks anew."""
     result, changes = with_gains("px4", {"pitch": 0.4}), {}

@@ -313,7 +313,7 @@ def test_the_model_s_frequency_response_is_the_transfer_function_of_its_numbers(
 
 @lru_cache(maxsize=1)
 def _simulated() -> Result:
-    """Return what is found in a simulated flight of 40 s."""
+    """Return what is found in a simulated flight of 25 s."""
     from quadid_logs.align import cut
     from quadid_logs.diagnose import diagnose
     from quadid_logs.identify import identify
@@ -321,7 +321,7 @@ def _simulated() -> Result:
     from quadid_logs.simulate import simulate
 
     settings = Settings()
-    log = simulate("sysid-quad-x", duration_s=40.0).log
+    log = simulate("sysid-quad-x", seed=2, duration_s=25.0, rate_hz=200.0).log
     data = cut(prepare(log), settings.align)
     found = identify(data, settings.identify)
     return Result(

@@ -24,12 +24,12 @@ def flown(**effects: object) -> tuple[Result, np.ndarray]:
         sentence="",
         airframe=quad_x,
         manoeuvre=manoeuvres.multisine,
-        duration_s=40.0,
+        duration_s=30.0,
         gyro_filter_hz=60.0,
         logging=Logging(rate_hz=200.0),
         effects=Effects(disturbance_rad_s2=(0.1, 0.1, 0.03), **effects),  # type: ignore[arg-type]
     )
-    (setup,) = plan_flights(scenario, seed=3, duration_s=40.0, rate_hz=200.0, autopilot="ardupilot")
+    (setup,) = plan_flights(scenario, seed=3, duration_s=30.0, rate_hz=200.0, autopilot="ardupilot")
     record = fly(setup)
     truth = flight_truth((record,), scenario=scenario.name, boot_s=scenario.logging.boot_s)
     log = log_flights((record,), scenario.logging)

@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs import analyze_pooled
+from quadid_logs import analyze_pooled, pipeline
 from quadid_logs.cli import main
 from quadid_logs.data.result import Result
 from quadid_logs.errors import SettingsError
 from quadid_logs.report.verdict import flown_sentence
 from quadid_logs.simulate import simulate
 from quadid_logs.writers import write_log
+
+pytestmark = pytest.mark.usefixtures("verdicts_only")
 
 
 def written(folder: Path, name: str, scenario: str, **choices: object) -> Path:
@@ -60,12 +62,15 @@ def test_times_of_the_second_log_follow_those_of_the_first(pooled: Result) -> No
     assert ends == sorted(ends)
 
 
-def test_logs_of_different_rates_are_pooled_at_the_slower_one(flights: list[Path], tmp_path: Path) -> None:
+def test_logs_of_different_rates_are_pooled_at_the_slower_one(
+    flights: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """400 Hz and 100 Hz."""
+    monkeypatch.setattr("quadid_logs.pipeline.judge", lambda _log, data, *_given, **_named: data)
     slower = written(tmp_path, "slower.bin", "sysid-quad-x", seed=4, duration_s=25.0, rate_hz=100.0)
-    result = analyze_pooled([flights[1], slower])
-    assert result.data.sample_period_s == pytest.approx(0.01, rel=0.01)
-    assert len(result.data.flight_segments) == 2
+    data = pipeline.analyze_pooled([flights[1], slower])
+    assert data.sample_period_s == pytest.approx(0.01, rel=0.01)
+    assert len(data.flight_segments) == 2
 
 
 def test_newton_metres_and_commands_are_not_pooled(flights: list[Path], tmp_path: Path) -> None:
@@ -100,10 +105,11 @@ def test_the_terminal_counts_the_seconds_of_the_logs_only(pooled: Result) -> Non
 
 
 def test_what_is_told_of_the_vehicle_is_that_of_the_first_log_that_flew(
-    flights: list[Path], tmp_path: Path
+    flights: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The log ahead of it ended on the ground."""
+    monkeypatch.setattr("quadid_logs.pipeline.judge", lambda log, *_given, **_named: log)
     ground = tmp_path / "ground.bin"
     ground.write_bytes(flights[1].read_bytes()[:30_000])
-    result = analyze_pooled([ground, flights[1]])
-    assert Path(result.log.path).name == "all.bin"
+    log = pipeline.analyze_pooled([ground, flights[1]])
+    assert Path(log.path).name == "all.bin"

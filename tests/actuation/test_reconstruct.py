@@ -32,6 +32,8 @@ ARDUPILOT = [
     "ac47_rate_thread",
     "ac47_two_flights",
 ]
+#: At the rate of the loop, at that of a rate thread, and with an interruption.
+OF_EACH_RATE = ("ac47_quadx_doublets", "ac47_rate_thread", "ac47_two_flights")
 #: Not excited, or too slow, on these axes: no inertia is claimed there.
 TOLD = {"ac47_quadx_default_logging": 0, "ac47_quadx_sid_roll": 1}
 
@@ -59,7 +61,7 @@ def moments(truth: dict[str, object]) -> np.ndarray:
     return np.array([given["Ixx"], given["Iyy"], given["Izz"]] if isinstance(given, dict) else np.diag(given))
 
 
-@pytest.mark.parametrize("name", ARDUPILOT)
+@pytest.mark.parametrize("name", thorough_but(OF_EACH_RATE, ARDUPILOT))
 def test_recomputed_pulse_widths_meet_the_logged_ones(corpus: Path, name: str) -> None:
     """Mean error below 1 us and standard deviation below 2 us outside saturated samples."""
     model = load(corpus / "firmware" / f"{name}.BIN").log.torque

@@ -14,6 +14,7 @@ from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.load import read_log
 from quadid_logs.vocabulary import AXES, ON_AXIS
+from tests.marks import thorough
 
 from .flights import align, flown
 
@@ -38,7 +39,7 @@ def _with_outages(log: FlightLog, every_s: float, length_s: float) -> FlightLog:
     return replace(log, signals=signals)
 
 
-@pytest.mark.parametrize("sample", ["sysid-quad-x.bin", "betaflight-doublets.bbl"])
+@pytest.mark.parametrize("sample", [thorough("sysid-quad-x.bin"), "betaflight-doublets.bbl"])
 def test_outages_of_44_ms_refuse_nothing_and_leave_the_truth_inside_the_intervals(sample: str) -> None:
     """5 % of the rows are missing."""
     found = pipeline.analyze(_with_outages(read_log(SAMPLES / sample), 0.9, 0.044))

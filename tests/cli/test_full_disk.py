@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from quadid_logs.cli import main
+from tests.marks import thorough_but
 
 resource = pytest.importorskip("resource", reason="limits on file sizes are POSIX's")
 
@@ -54,7 +55,7 @@ def last_lines(err: str) -> list[str]:
     return [line for line in err.splitlines() if "error" in line.lower()]
 
 
-@pytest.mark.parametrize("what", COMMANDS)
+@pytest.mark.parametrize("what", thorough_but([one for one in COMMANDS if one != "paper"], COMMANDS))
 def test_a_full_disk_gives_one_line_and_leaves_nothing(
     what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -88,6 +88,8 @@ def test_the_page_shows_the_figures_and_stands_still_after_the_flight(
         return True
 
     monkeypatch.setattr("webbrowser.open", open_page)
+    # No page that is opened shows them.
+    monkeypatch.setattr("quadid_logs.figures.png.write_png", lambda *_a: None)
     with SocketLogger(FakeLogger(FLIGHTS[BLOCKS].read_bytes(), BLOCKS), frames_per_s=2000.0) as vehicle:
         main(["live", vehicle.address, "--open"])
     assert [Path(address).name for address in opened] == ["live.html", "report.html"]

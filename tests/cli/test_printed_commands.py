@@ -32,6 +32,7 @@ from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.report.model_files import model_bytes, model_formats_of
 from quadid_logs.report.next_flight import next_steps
 from quadid_logs.vehicle_file import read_vehicle
+from tests.marks import thorough
 from tests.synthetic_results import synthetic_prediction
 from tests.tuned_flights import stiff
 
@@ -64,11 +65,14 @@ LOGS = (
     Log("ground station.tlog", "doublets.tlog", 1, ("--system", "1")),
     Log("flügel.ulg", "products-of-inertia.ulg", 1, ("--start-s", "34")),
 )
+#: A vehicle, no model, one of several logs: what is told with other options differs by their words alone.
+QUICK = tuple(LOGS[place] for place in (0, 2, 3))
 
 
 class Printed(NamedTuple):
-    """Commands with the log that they were printed for, and texts in which more of them stand."""
+    """Logs, commands with the log that they were printed for, and texts in which more of them stand."""
 
+    logs: tuple[Log, ...]
     commands: dict[str, Log | None]
     others: list[str]
 
@@ -168,12 +172,12 @@ def quick() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
-def printed(quick: None, tmp_path_factory: pytest.TempPathFactory) -> Printed:
+@pytest.fixture(scope="module", params=[QUICK, thorough(LOGS)], ids=["quick", "all"])
+def printed(request: pytest.FixtureRequest, quick: None, tmp_path_factory: pytest.TempPathFactory) -> Printed:
     """Analyze, tune, look at and compare every log, go wrong, and take down every command that is told."""
     folder = tmp_path_factory.mktemp("printed")
     lay_out(folder)
-    told = Printed({}, [])
+    told = Printed(request.param, {}, [])
 
     def note(found: tuple[list[str], str], log: Log | None) -> None:
         told.commands.update(dict.fromkeys(found[0], log))
@@ -181,7 +185,7 @@ def printed(quick: None, tmp_path_factory: pytest.TempPathFactory) -> Printed:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for number, log in enumerate(LOGS):
+        for number, log in enumerate(told.logs):
             path = f"{FLIGHTS}/{log.name}"
             for verb in (
                 ("analyze", path, *log.options, "-o", f"reports {number}"),
@@ -197,7 +201,7 @@ def printed(quick: None, tmp_path_factory: pytest.TempPathFactory) -> Printed:
                     note(in_file(file), log)
         for wrong in (
             ("analyze", FLIGHTS),
-            ("analyze", f"{FLIGHTS}/{LOGS[1].name}", "--start-s", "1e9"),
+            ("analyze", f"{FLIGHTS}/{told.logs[1].name}", "--start-s", "1e9"),
             ("tune", "nowhere.bin"),
             ("tune",),
             ("explain", "QL999"),
@@ -206,9 +210,9 @@ def printed(quick: None, tmp_path_factory: pytest.TempPathFactory) -> Printed:
             ("plan", "--autopilot", "px4", "-o", "plan of px4"),
             *(("explain", code) for code in CATALOGUE),
         ):
-            note(in_text(output_of(wrong)), LOGS[1])
+            note(in_text(output_of(wrong)), told.logs[1])
         for file in sorted(folder.glob("plan*/*.*")):
-            note(in_file(file), LOGS[1])
+            note(in_file(file), told.logs[1])
     return told
 
 
@@ -244,7 +248,7 @@ def parsed(words: list[str]) -> None:
 def test_commands_are_printed_for_every_log(printed: Printed) -> None:
     """Else the tests below would run nothing."""
     told = [(shlex.split(line)[1], log) for line, log in printed.commands.items()]
-    assert {log for _verb, log in told} == {*LOGS}
+    assert {log for _verb, log in told} == {*printed.logs}
     assert {"analyze", "tune", "compare", "export", "plan", "info", "fleet"} <= {verb for verb, _log in told}
 
 
@@ -267,7 +271,7 @@ def test_every_printed_command_runs(
     failed = {}
     for line, log in printed.commands.items():
         words = shlex.split(line)
-        path = f"{FLIGHTS}/{(log or LOGS[1]).name}"
+        path = f"{FLIGHTS}/{(log or printed.logs[1]).name}"
         words = [path if word in ("LOG", "NEXT-LOG") else word for word in words]
         parsed(words)
         if words[1] in PARSED_ONLY:

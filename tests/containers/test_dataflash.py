@@ -65,13 +65,10 @@ _MOST_BYTES = 2_000_000
 _WHOLE = ("firmware/ac47_two_flights.BIN", "firmware/ac47_quadx_default_logging.BIN")
 #: Of each age and kind of vehicle one.
 OF_EACH_AGE = (
-    "real/ac313-y6b-331s.bin",
     "real/ac33dev-erle-quadx-RATE50Hz-2015-03-31.bin",
-    "real/ac413-quadx-goodprop-hover1.bin",
     "real/ac457-quadx-noATT-noRATE-50s.bin",
     "real/plane423-fastlog-real.bin",
     "real/sdlog2-quad-70s.px4log",
-    "firmware/ac47_quadx_doublets.BIN",
 )
 PID_TYPES = frozenset({"PIDR", "PIDP", "PIDY"})
 

@@ -16,6 +16,7 @@ from quadid_logs.containers import content as file_content
 from quadid_logs.containers import ulog, ulog_frames
 from quadid_logs.errors import EmptyLogError
 from quadid_logs.load import read_log
+from tests.marks import thorough_but
 
 from . import ulog_maker as make
 
@@ -35,6 +36,16 @@ DAMAGED = [
     "damaged/corrupt-wrong-size.ulg",
     "damaged/px4-1.17-x500-v6xrt-outdoor-89s-corrupt.ulg",
 ]
+
+#: Of an old and a new firmware one, with eight rotors, joined to another, and damaged.
+OF_EACH_KIND = (
+    "firmware/px4_quad_default_logging.ulg",
+    "real/px4-1.9-quad-escstatus-39s.ulg",
+    "real/px4-1.14-octocoax-cubeorange-75s.ulg",
+    "damaged/appended-multiple.ulg",
+    "damaged/corrupt-format-not-utf8.ulg",
+    "damaged/px4-1.17-x500-v6xrt-outdoor-89s-corrupt.ulg",
+)
 
 
 def pyulog_of(source: Path | bytes):
@@ -58,7 +69,7 @@ def n_rows(tables) -> int:
 
 
 @pytest.mark.corpus
-@pytest.mark.parametrize("corpus_log", INTACT, indirect=True)
+@pytest.mark.parametrize("corpus_log", thorough_but(OF_EACH_KIND, INTACT), indirect=True)
 def test_every_field_of_every_topic_equals_pyulog(corpus_log: Path) -> None:
     """On intact logs no value of any topic differs from the reference reader's."""
     ours = ulog.read_topics(corpus_log)
@@ -72,7 +83,7 @@ def test_every_field_of_every_topic_equals_pyulog(corpus_log: Path) -> None:
 
 
 @pytest.mark.corpus
-@pytest.mark.parametrize("corpus_log", INTACT + DAMAGED, indirect=True)
+@pytest.mark.parametrize("corpus_log", thorough_but(OF_EACH_KIND, INTACT + DAMAGED), indirect=True)
 def test_parameters_texts_information_and_dropouts_equal_pyulog(corpus_log: Path) -> None:
     """What stands beside the data is the same, on damaged logs too."""
     known = ulog.read_content(corpus_log, ()).definitions
@@ -96,7 +107,7 @@ def test_an_intact_log_has_no_lost_bytes(corpus_log: Path) -> None:
 
 
 @pytest.mark.corpus
-@pytest.mark.parametrize("corpus_log", DAMAGED, indirect=True)
+@pytest.mark.parametrize("corpus_log", thorough_but(OF_EACH_KIND, DAMAGED), indirect=True)
 def test_at_least_as_many_rows_are_kept_as_by_pyulog(corpus_log: Path) -> None:
     """On damaged logs we lose no more than the reference reader, and say what."""
     content = ulog.read_content(corpus_log)

@@ -16,6 +16,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.fleet.per_flight import analyze_flights
 from quadid_logs.vocabulary import AXES
 from tests.analyses import Analyzed
+from tests.marks import thorough
 
 AP, PX4 = "ac47_quadx_multisine.BIN", "px4_quad_multisine.ulg"
 
@@ -49,7 +50,7 @@ def true_margins(result: Result, plant: Plant, axis: str) -> tuple[Margins, Marg
     )
 
 
-FIXTURES = [(AP, 19.5, 2.9, 20.1, 16.8, 2.5), (PX4, 63.3, 21.6, 2.32, None, None)]
+FIXTURES = [thorough(AP, 19.5, 2.9, 20.1, 16.8, 2.5), (PX4, 63.3, 21.6, 2.32, None, None)]
 
 
 @pytest.mark.parametrize(("name", "phase", "gain", "crossover", "full_phase", "full_gain"), FIXTURES)
@@ -83,9 +84,9 @@ def test_the_true_vehicles_margins_are_those_that_were_worked_out_before(
 SENSED = 1.0083
 #: The mixer clips yaw in a twelfth of the rows of the first flight: its interval does not know of that.
 MARGINS = [
-    (AP, "roll", True),
-    (AP, "pitch", True),
-    (AP, "yaw", False),
+    thorough(AP, "roll", True),
+    thorough(AP, "pitch", True),
+    thorough(AP, "yaw", False),
     (PX4, "roll", True),
     (PX4, "pitch", True),
     (PX4, "yaw", True),
@@ -118,7 +119,7 @@ def test_margins_of_the_identified_vehicle_are_those_of_the_true_one(
 
 
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
-@pytest.mark.parametrize(("name", "within"), [(AP, 0.015), (PX4, 0.03)])
+@pytest.mark.parametrize(("name", "within"), [thorough(AP, 0.015), (PX4, 0.03)])
 def test_the_closed_loop_finds_the_true_effectiveness(
     corpus: Path, analyzed: Analyzed, name: str, within: float, axis: str
 ) -> None:
@@ -131,6 +132,7 @@ def test_the_closed_loop_finds_the_true_effectiveness(
     assert prediction.effectiveness.value == pytest.approx(truth, rel=within)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_the_set_points_alone_predict_rate_and_torque_of_the_firmware(
     corpus: Path, analyzed: Analyzed, axis: str

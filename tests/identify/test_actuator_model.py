@@ -257,7 +257,7 @@ def test_gusts_do_not_pass_for_asymmetric_rotors(sticks: FlightData) -> None:
 def unbraked() -> tuple[Model, dict[str, Any]]:
     """A pilot moves the sticks of rotors that take five times as long to slow down as to speed up."""
     scenario = dataclasses.replace(
-        SCENARIOS["pilot-sticks"], duration_s=40.0, airframe=slow_motors, effects=Effects(spin_down_ratio=3.0)
+        SCENARIOS["pilot-sticks"], duration_s=30.0, airframe=slow_motors, effects=Effects(spin_down_ratio=3.0)
     )
     data, truth = flown(scenario)
     return recommended(data, DAMPED), truth

@@ -23,11 +23,11 @@ def test_a_dead_zone_of_rotors_leaves_the_thrust_curve_as_it_is() -> None:
         sentence="",
         airframe=partial(scaled, quad_x(), 0.8),
         manoeuvre=manoeuvres.multisine,
-        duration_s=40.0,
+        duration_s=30.0,
         effects=Effects(rotor_dead_zone=0.016, disturbance_rad_s2=(0.05, 0.05, 0.02)),
         logging=Logging(rate_hz=200.0),
     )
-    records = tuple(fly(each) for each in plan_flights(scenario, seed=4, duration_s=40.0, rate_hz=200.0))
+    records = tuple(fly(each) for each in plan_flights(scenario, seed=4, duration_s=30.0, rate_hz=200.0))
     data = cut(prepare(log_flights(records, scenario.logging)), Settings().align)
     found = identify(data, Settings().identify)
     truth = flight_truth(records, scenario=scenario.name, boot_s=scenario.logging.boot_s)

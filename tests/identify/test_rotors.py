@@ -11,15 +11,19 @@ from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.rotors import Rotors, lagged_speeds
 from quadid_logs.load import prepare
-from quadid_logs.simulate import simulate
+from quadid_logs.simulate import Simulation, simulate
 
 from .vehicles import QUAD, fly, multisine
 
 
 @pytest.fixture(scope="module")
-def slow_motors() -> Model:
+def flight() -> Simulation:
     """Rotors that speed up in 45 ms and slow down in 70 ms."""
-    flight = simulate("slow-motors", seed=5)
+    return simulate("slow-motors", seed=5, duration_s=40.0)
+
+
+@pytest.fixture(scope="module")
+def slow_motors(flight: Simulation) -> Model:
     found = identify(cut(prepare(flight.log), AlignSettings()), IdentifySettings()).recommended
     assert found is not None
     return found
@@ -34,9 +38,9 @@ def test_rotors_that_spin_up_and_down_at_different_rates_are_found_so(slow_motor
     assert actuator.lag_down_s == pytest.approx(0.070, abs=0.002)
 
 
-def test_asymmetric_rotors_do_not_bias_the_effectiveness(slow_motors: Model) -> None:
+def test_asymmetric_rotors_do_not_bias_the_effectiveness(flight: Simulation, slow_motors: Model) -> None:
     """A lag on the torque would leave 1.6 %."""
-    truth = np.array(simulate("slow-motors", seed=5).truth["models"]["damped"]["B"])
+    truth = np.array(flight.truth["models"]["damped"]["B"])
     np.testing.assert_allclose(np.diag(slow_motors.B), np.diag(truth), rtol=0.005)
 
 

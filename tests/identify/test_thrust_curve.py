@@ -116,7 +116,7 @@ def test_effectiveness_per_command_changes_with_thrust_as_the_two_curves_say() -
 
 def test_a_flight_that_cannot_tell_says_so_and_keeps_what_was_assumed() -> None:
     """One axis moved gently: the interval holds what propellers have."""
-    known = curve(found("single-axis"))
+    known = curve(found("single-axis", VEHICLE))
     assert not known.identifiable
     assert not known.corrected
     assert "not flown" in known.reason

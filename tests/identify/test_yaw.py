@@ -32,7 +32,7 @@ def damped(found: Identification) -> Model:
 @pytest.fixture(scope="module")
 def flown() -> Simulation:
     """Yaw leads its torque by 76 ms in hover."""
-    return simulate("rotor-reaction", seed=2, duration_s=50.0)
+    return simulate("rotor-reaction", seed=2, duration_s=40.0)
 
 
 @pytest.fixture(scope="module")
