@@ -19,8 +19,8 @@ AXES = ("roll", "pitch", "yaw")
 FLIGHT_S = 30.0
 #: Of each flight that is only flown: the shortest that there is [s].
 SHORT_S = 15.0
-#: All usable, none for lack of excitation, none for lack of rate, too.
-ANALYZED = ("sysid-quad-x", "gentle-hover", "paper")
+#: All usable, and none for lack of rate.
+ANALYZED = ("sysid-quad-x", "paper")
 #: Flown only: a bad card, a clock, several flights, an airframe.
 FLOWN = ("damaged", "clock-jump", "two-flights", "octa-coax")
 

@@ -336,6 +336,7 @@ def goes_on_where_it_stopped(folder, seed):
     assert "| on-axis effectiveness |" in (folder / "coverage.md").read_text()
 
 
+@pytest.mark.thorough
 def test_a_study_goes_on_where_it_stopped(tmp_path, capsys, monkeypatch):
     """What is missing is flown, and what the interruption cut in half."""
     flown = []
