@@ -18,7 +18,7 @@ from quadid_logs.control.command_units import per_command
 from quadid_logs.control.documented import within_documented
 from quadid_logs.control.first_step import first_step
 from quadid_logs.control.guard import Case
-from quadid_logs.control.loop import on_angle, on_rate
+from quadid_logs.control.loop import Paths
 from quadid_logs.control.margins import grid_hz
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.off_nominal import FlownPoint, OffNominal, conditions
@@ -381,11 +381,11 @@ def same_law(result: Result, axis: str, others: Mapping[str, float]) -> bool:
 
 def _responses(controller: AxisController) -> ComplexArray:
     """Return the paths of a controller that close its loops, over frequency."""
-    frequency_hz = grid_hz(controller.period_s)
-    paths = [on_rate(controller, frequency_hz)]
+    paths = Paths(controller, grid_hz(controller.period_s))
+    closing = [paths.on_rate]
     if controller.angle_gain_per_s is not None:
-        paths.append(on_angle(controller, frequency_hz))
-    return np.stack(paths)
+        closing.append(paths.on_angle)
+    return np.stack(closing)
 
 
 def _case(

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.control.loop import close
 from quadid_logs.control.margins import fine_grid_hz, is_stable
 from quadid_logs.control.separate_gains import Rebuild
@@ -66,7 +66,11 @@ def double(
         np.full(n, controller.gains[name]) for name in (names.proportional, names.integral, names.derivative)
     ]
     old_p, old_i, old_d = flown
-    d = _raised(lambda d: stable(old_p, old_i, d), old_d, procedure.highest_derivative)
+
+    def with_d(rows: IntArray, d: FloatArray) -> BoolArray:
+        return stable(rows, old_p[rows], old_i[rows], d)
+
+    d = _raised(with_d, old_d, procedure.highest_derivative)
     cut_d = _cut(d, procedure, procedure.highest_derivative)
     p = old_p
     if procedure.lowers_p:
@@ -75,12 +79,15 @@ def double(
         p = _no_less(falls * old_p, old_p, procedure)
     end_d = _no_less(cut_d, old_d, procedure)
 
-    def integral(p: FloatArray) -> FloatArray:
-        return old_i if procedure.integral_ratio is None else p * procedure.integral_ratio
+    def integral(rows: IntArray, p: FloatArray) -> FloatArray:
+        return old_i[rows] if procedure.integral_ratio is None else p * procedure.integral_ratio
 
-    risen = _raised(lambda p: stable(p, integral(p), end_d), p, procedure.highest_proportional)
+    def with_p(rows: IntArray, p: FloatArray) -> BoolArray:
+        return stable(rows, p, integral(rows, p), end_d[rows])
+
+    risen = _raised(with_p, p, procedure.highest_proportional)
     end_p = _no_less(_cut(risen, procedure, procedure.highest_proportional), old_p, procedure)
-    return DoubledGains(end_p, integral(end_p), end_d)
+    return DoubledGains(end_p, integral(np.arange(n), end_p), end_d)
 
 
 class _Raised(NamedTuple):
@@ -90,26 +97,32 @@ class _Raised(NamedTuple):
     oscillates: BoolArray
 
 
-def _raised(stable: Callable[[FloatArray], BoolArray], start: FloatArray, highest: float) -> _Raised:
-    """Raise gains until the loop is unstable, or to the highest; NaN where neither comes."""
+def _raised(
+    stable: Callable[[IntArray, FloatArray], BoolArray], start: FloatArray, highest: float
+) -> _Raised:
+    """Raise gains until the loop is unstable, or to the highest; NaN where neither comes.
+
+    ``stable`` takes the numbers of some plants and a gain for each.
+    """
     first = np.maximum(start, _FIRST_GAIN)
-    below = first
+    below = first.copy()
     above = np.full(below.shape, np.nan)
+    rising = np.arange(below.size)
     for _ in range(_MOST_STEPS):
-        known = np.isfinite(above)
-        oscillates = ~stable(below) & ~known
-        above[oscillates] = below[oscillates]
-        rising = ~np.isfinite(above) & (below < highest)
-        if not rising.any():
+        holds = stable(rising, below[rising])
+        above[rising[~holds]] = below[rising[~holds]]
+        rising = rising[holds & (below[rising] < highest)]
+        if not rising.size:
             break
-        below = np.where(rising, below * _STEP, below)
+        below[rising] *= _STEP
     # The first step that oscillates, and the last that does not; who oscillates at once stays there.
     low = np.where(above > first, above / _STEP, above)
     high = above.copy()
-    for _ in range(_HALVINGS):
-        middle = np.sqrt(low * high)
-        holds = stable(np.where(np.isfinite(middle), middle, below))
-        low, high = np.where(holds, middle, low), np.where(holds, high, middle)
+    between = np.flatnonzero(np.isfinite(high))
+    for _ in range(_HALVINGS if between.size else 0):
+        middle = np.sqrt(low[between] * high[between])
+        holds = stable(between, middle)
+        low[between[holds]], high[between[~holds]] = middle[holds], middle[~holds]
     oscillates = np.isfinite(high) & ((high < highest) | (high <= first))
     limited = np.where(below >= highest, np.maximum(highest, start), np.nan)
     return _Raised(np.where(oscillates, high, limited), oscillates)
@@ -127,8 +140,8 @@ def _no_less(gain: FloatArray, flown: FloatArray, procedure: Doubling) -> FloatA
 
 def _stability(
     procedure: Doubling, plants: Plant, names: GainNames, rebuild: Rebuild
-) -> Callable[[FloatArray, FloatArray, FloatArray], BoolArray] | None:
-    """Return what tells of P, I and D, each (n_plants,), whether the loops of all vehicles are stable."""
+) -> Callable[[IntArray, FloatArray, FloatArray, FloatArray], BoolArray] | None:
+    """Return what tells of the numbers of some plants and their P, I and D whether their loops are stable."""
     gains = (names.proportional, names.integral, names.derivative)
     made = [
         rebuild({name: float(name == one) for name in gains} | dict(procedure.filters))
@@ -148,9 +161,10 @@ def _stability(
     each = [open_loop(one) - rest for one in single]
     runs_away = plants.damping > 0.0
 
-    def stable(p: FloatArray, i: FloatArray, d: FloatArray) -> BoolArray:
-        loop = rest + sum(gain[:, np.newaxis] * one for gain, one in zip((p, i, d), each, strict=True))
+    def stable(rows: IntArray, p: FloatArray, i: FloatArray, d: FloatArray) -> BoolArray:
+        gains = zip((p, i, d), each, strict=True)
+        loop = rest[rows] + sum(gain[:, np.newaxis] * one[rows] for gain, one in gains)
         n_integrators = int(bool(np.any(i > 0.0))) + int(closes_angle)
-        return is_stable(np.asarray(loop, dtype=np.complex128), n_integrators, runs_away)
+        return is_stable(np.asarray(loop, dtype=np.complex128), n_integrators, runs_away[rows])
 
     return stable

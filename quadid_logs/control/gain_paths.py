@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.loop import forward_filters, on_angle, on_rate
+from quadid_logs.control.loop import Paths
 from quadid_logs.data.controller import AxisController
 from quadid_logs.maths.band import ComplexArray
 
@@ -97,7 +97,8 @@ def gain_paths(
 
 def _answers(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
     """Return the answers of the command, shape (3, n_frequencies), see `GainPaths.flown`."""
+    paths = Paths(controller, frequency_hz)
     by_angle = np.zeros(frequency_hz.shape, dtype=np.complex128)
     if controller.angle_gain_per_s is not None:
-        by_angle = on_angle(controller, frequency_hz)
-    return np.stack([on_rate(controller, frequency_hz), by_angle, forward_filters(controller, frequency_hz)])
+        by_angle = paths.on_angle
+    return np.stack([paths.on_rate, by_angle, paths.forward])

@@ -7,13 +7,14 @@ the crossover.
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.closed_loop import Plant
-from quadid_logs.data.controller import AxisController, in_series
+from quadid_logs.data.controller import AxisController, Filter, MeanFilter
 from quadid_logs.maths.band import ComplexArray, delay_response
 
 #: A pole this near to one in z is at zero frequency: rounding leaves 1e-16, the slowest filter 1e-5.
@@ -55,10 +56,9 @@ def close(
     """
     if body is None:
         body = plant.response(frequency_hz, controller.period_s)
-    rate, to_torque, to_rate = rate_answers(controller, body, frequency_hz)
-    full = None
-    if controller.angle_gain_per_s is not None:
-        full = rate + body * on_angle(controller, frequency_hz)
+    paths = Paths(controller, frequency_hz)
+    rate, to_torque, to_rate = _closed(paths, body)
+    full = None if controller.angle_gain_per_s is None else rate + body * paths.on_angle
     return Loop(frequency_hz, rate, full, to_torque, to_rate)
 
 
@@ -78,9 +78,14 @@ def rate_answers(
     -------
     rate, target_to_torque, target_to_rate : ndarray of complex, shape (n_plants, n_frequencies)
     """
-    rate = body * on_rate(controller, frequency_hz)
-    to_torque = forward_filters(controller, frequency_hz) / (1.0 + rate)
-    return rate, to_torque, to_torque * body * gyro_filters(controller, frequency_hz)
+    return _closed(Paths(controller, frequency_hz), body)
+
+
+def _closed(paths: Paths, body: ComplexArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Return what `rate_answers` does, of a controller whose paths are known."""
+    rate = body * paths.on_rate
+    to_torque = paths.forward / (1.0 + rate)
+    return rate, to_torque, to_torque * body * paths.gyro
 
 
 def rate_loop(controller: AxisController, plant: Plant, frequency_hz: FloatArray) -> ComplexArray:
@@ -99,84 +104,105 @@ def rate_loop(controller: AxisController, plant: Plant, frequency_hz: FloatArray
     return np.asarray(plant.response(frequency_hz, controller.period_s) * back)
 
 
-def on_rate(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
-    """Return the response of the command to the rate, from the gyro's filters to the mixer's input.
+class Paths:
+    """What a controller makes of a rate and of its set-point, each (n_frequencies,): what paths share, once.
 
     Parameters
     ----------
     controller : AxisController
     frequency_hz : ndarray, shape (n_frequencies,)
-
-    Returns
-    -------
-    ndarray of complex, shape (n_frequencies,)
-        With its sign turned: the loop is the product with the vehicle.
+        Above zero.
     """
-    of_error = controller.error.response(frequency_hz)
-    if controller.rate is not None:
-        of_error = of_error + controller.rate.response(frequency_hz)
-    back = gyro_filters(controller, frequency_hz) * _behind(controller, frequency_hz) * of_error
-    return np.asarray(back, dtype=np.complex128)
+
+    def __init__(self, controller: AxisController, frequency_hz: FloatArray) -> None:
+        self._controller, self._frequency_hz = controller, frequency_hz
+        self._steps: dict[float, ComplexArray] = {}
+
+    @cached_property
+    def on_rate(self) -> ComplexArray:
+        """The response of the command to the rate, from the gyro's filters to the mixer's input.
+
+        With its sign turned: the loop is the product with the vehicle.
+        """
+        of_error = self._error
+        if self._controller.rate is not None:
+            of_error = of_error + self._response(self._controller.rate)
+        return np.asarray(self.gyro * self._behind * of_error, dtype=np.complex128)
+
+    @cached_property
+    def on_angle(self) -> ComplexArray:
+        """The response of the command to the rate by way of the angle loop, whose gain is known.
+
+        With its sign turned, as of `on_rate`.
+        """
+        return self._by_angle(self.forward)
+
+    @cached_property
+    def on_angle_by_error(self) -> ComplexArray:
+        """The part of `on_angle` that goes through the rate error, and not through the feed-forward."""
+        return self._by_angle(self._on_target(self._error))
+
+    @cached_property
+    def forward(self) -> ComplexArray:
+        """The response of the command to a rate set-point, the measured rate being zero."""
+        on_target = self._error
+        if self._controller.feed_forward is not None:
+            on_target = on_target + self._response(self._controller.feed_forward)
+        return self._on_target(on_target)
+
+    @cached_property
+    def gyro(self) -> ComplexArray:
+        """The response of what lies between gyro and controller."""
+        response = np.ones(self._frequency_hz.shape, dtype=np.complex128)
+        for each in self._controller.gyro:
+            response = response * self._response(each)
+        return response
+
+    @cached_property
+    def _error(self) -> ComplexArray:
+        return self._response(self._controller.error)
+
+    @cached_property
+    def _behind(self) -> ComplexArray | float:
+        """The response of what stands behind the sum of the terms."""
+        return 1.0 if self._controller.command is None else self._response(self._controller.command)
+
+    def _on_target(self, terms: ComplexArray) -> ComplexArray:
+        return np.asarray(self._behind * terms * self._response(self._controller.target))
+
+    def _by_angle(self, forward: ComplexArray) -> ComplexArray:
+        controller = self._controller
+        s, late_s = _laplace(self._frequency_hz), controller.angle_delay_steps * controller.period_s
+        gain_per_s = np.nan if controller.angle_gain_per_s is None else controller.angle_gain_per_s
+        return np.asarray(forward * gain_per_s / s * delay_response(s, late_s), dtype=np.complex128)
+
+    def _response(self, one: Filter) -> ComplexArray:
+        """Return the response of a filter; those of one period share what a step delays."""
+        if isinstance(one, MeanFilter):
+            return one.response(self._frequency_hz)
+        if one.period_s not in self._steps:
+            self._steps[one.period_s] = one.step(self._frequency_hz)
+        return one.at(self._steps[one.period_s])
+
+
+def on_rate(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
+    """Return `Paths.on_rate` alone, shape (n_frequencies,)."""
+    return Paths(controller, frequency_hz).on_rate
 
 
 def on_angle(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
-    """Return the response of the command to the rate by way of the angle loop.
-
-    Parameters
-    ----------
-    controller : AxisController
-        Its angle gain is known.
-    frequency_hz : ndarray, shape (n_frequencies,)
-
-    Returns
-    -------
-    ndarray of complex, shape (n_frequencies,)
-        With its sign turned, as of `on_rate`.
-    """
-    s, late_s = _laplace(frequency_hz), controller.angle_delay_steps * controller.period_s
-    gain_per_s = np.nan if controller.angle_gain_per_s is None else controller.angle_gain_per_s
-    forward = forward_filters(controller, frequency_hz)
-    return np.asarray(forward * gain_per_s / s * delay_response(s, late_s), dtype=np.complex128)
+    """Return `Paths.on_angle` alone, shape (n_frequencies,)."""
+    return Paths(controller, frequency_hz).on_angle
 
 
 def forward_filters(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
-    """Return the response of the command to a rate set-point, the measured rate being zero.
-
-    Parameters
-    ----------
-    controller : AxisController
-    frequency_hz : ndarray, shape (n_frequencies,)
-
-    Returns
-    -------
-    ndarray of complex, shape (n_frequencies,)
-    """
-    on_target = controller.error.response(frequency_hz)
-    if controller.feed_forward is not None:
-        on_target = on_target + controller.feed_forward.response(frequency_hz)
-    return _behind(controller, frequency_hz) * on_target * controller.target.response(frequency_hz)
-
-
-def _behind(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
-    """Return the response of what stands behind the sum of the terms."""
-    if controller.command is None:
-        return np.ones(frequency_hz.shape, dtype=np.complex128)
-    return controller.command.response(frequency_hz)
+    """Return `Paths.forward` alone, shape (n_frequencies,)."""
+    return Paths(controller, frequency_hz).forward
 
 
 def gyro_filters(controller: AxisController, frequency_hz: FloatArray) -> ComplexArray:
-    """Return the response of what lies between gyro and controller.
-
-    Parameters
-    ----------
-    controller : AxisController
-    frequency_hz : ndarray, shape (n_frequencies,)
-
-    Returns
-    -------
-    ndarray of complex, shape (n_frequencies,)
-    """
-    return in_series(controller.gyro, frequency_hz)
+    """Return `Paths.gyro` alone, shape (n_frequencies,)."""
+    return Paths(controller, frequency_hz).gyro
 
 
 def integrators(controller: AxisController) -> int:

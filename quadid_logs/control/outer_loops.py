@@ -16,7 +16,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.control.attitude import bandwidth_hz
-from quadid_logs.control.loop import integrators, on_angle, on_rate
+from quadid_logs.control.loop import Paths, integrators
 from quadid_logs.control.margins import grid_hz, is_stable, margins_of
 from quadid_logs.data.closed_loop import ClosedLoop, Estimated, Plant
 from quadid_logs.data.controller import AxisController
@@ -409,8 +409,9 @@ def _attitude_loop(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Return the whole open loop, cut at the mixer, and how attitude answers its target by its error."""
     body = plants.response(frequency_hz, controller.period_s)
-    by_angle = body * on_angle(controller, frequency_hz)
-    loop = body * on_rate(controller, frequency_hz) + by_angle
+    paths = Paths(controller, frequency_hz)
+    by_angle = body * paths.on_angle
+    loop = body * paths.on_rate + by_angle
     return loop, np.asarray(by_angle / (1.0 + loop), dtype=np.complex128)
 
 

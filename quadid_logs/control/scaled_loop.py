@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.loop import integrators, on_angle, on_rate
+from quadid_logs.control.loop import Paths, integrators
 from quadid_logs.control.margins import (
     LoopFigures,
     figures_and_worse,
@@ -221,14 +220,13 @@ class _Answers(NamedTuple):
 
 
 def _answers(controller: AxisController, frequency_hz: FloatArray) -> _Answers:
-    rate = on_rate(controller, frequency_hz)
+    paths = Paths(controller, frequency_hz)
     if controller.angle_gain_per_s is None:
-        return _Answers(controller, frequency_hz, rate, None, None)
-    if controller.feed_forward is None:
-        return _Answers(controller, frequency_hz, rate, on_angle(controller, frequency_hz), None)
+        return _Answers(controller, frequency_hz, paths.on_rate, None, None)
     # The feed-forward is on the path of the set-point alone, and no gain scales it.
-    scaling = on_angle(replace(controller, feed_forward=None), frequency_hz)
-    return _Answers(controller, frequency_hz, rate, scaling, on_angle(controller, frequency_hz) - scaling)
+    scaling = paths.on_angle_by_error
+    fixed = None if controller.feed_forward is None else paths.on_angle - scaling
+    return _Answers(controller, frequency_hz, paths.on_rate, scaling, fixed)
 
 
 def _each_of(several: Iterable[ScaledLoops], controller: AxisController) -> Iterator[ScaledLoops]:

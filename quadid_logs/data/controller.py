@@ -61,10 +61,17 @@ class DiscreteFilter:
         -------
         ndarray of complex, same shape
         """
-        delay = np.exp(-2j * np.pi * np.asarray(frequency_hz) * self.period_s)
-        above = np.polynomial.polynomial.polyval(delay, self.numerator)
-        below = np.polynomial.polynomial.polyval(delay, self.denominator)
-        return np.asarray(above / below, dtype=np.complex128)
+        return self.at(self.step(np.asarray(frequency_hz)))
+
+    def step(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
+        """Return z^-1: the response of a delay of one step, for `at`; shape of ``frequency_hz``."""
+        return np.asarray(np.exp(-2j * np.pi * frequency_hz * self.period_s), dtype=np.complex128)
+
+    def at(self, step: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return the frequency response by z^-1, which filters of one period share; same shape."""
+        above, below = (_polynomial(step, each) for each in (self.numerator, self.denominator))
+        above /= below
+        return above
 
     def __mul__(self, other: DiscreteFilter) -> DiscreteFilter:
         """Return the two in series."""
@@ -93,6 +100,15 @@ class DiscreteFilter:
         if self.period_s != other.period_s:
             raise ShapeError(f"Filters of {self.period_s} s and {other.period_s} s do not combine.")
         return self.period_s
+
+
+def _polynomial(x: NDArray[np.complex128], coefficients: FloatArray) -> NDArray[np.complex128]:
+    """Return the sum of coefficients times x^0, x^1, ... (Horner)."""
+    value = np.full(x.shape, coefficients[-1], dtype=np.complex128)
+    for each in coefficients[-2::-1]:
+        value *= x
+        value += each
+    return value
 
 
 @dataclass(frozen=True, slots=True, eq=False)

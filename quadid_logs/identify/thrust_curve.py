@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -36,6 +37,7 @@ from quadid_logs.identify.rotors import (
 )
 from quadid_logs.identify.structures import DAMPED
 from quadid_logs.identify.terms import TRIM
+from quadid_logs.identify.torque import RowTorque
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors, torques_by_expo
 from quadid_logs.identify.torque_products import MAX_DELAY_S, MAX_LAG_S
 from quadid_logs.maths.least_squares import Equation
@@ -91,39 +93,85 @@ class _Point(NamedTuple):
         )
 
 
-class _Linear(NamedTuple):
+class _Linear:
     """The equations of the informative axes about a point: residuals, and columns that all have in common.
 
-    ``fixed`` (n_train, n_columns) are the regressors of each axis, ``shared`` by name (n_train, 3) the
-    derivatives by k, lag, delay and asymmetry, ``residual`` (n_train, 3) and ``explained``, what of it
-    follows from the instruments, ``B`` (3, 3), ``base`` the design with the torque of that k.
+    Attributes
+    ----------
+    fixed : ndarray, shape (n_train, n_columns)
+        The regressors of each axis.
+    residual : ndarray, shape (n_train, 3)
+    explained : ndarray, shape (n_instruments, 3)
+        What of the residual follows from the instruments.
+    B : ndarray, shape (3, 3)
+    chunks : list of Segment
+        With the torque of that k.
     """
 
-    fixed: FloatArray
-    shared: Mapping[str, FloatArray]
-    residual: FloatArray
-    explained: FloatArray
-    B: FloatArray
-    base: Design
+    def __init__(self, search: _Search, point: _Point) -> None:
+        self._search, self._point = search, point
+        design, described, train = search.design, search.described, search.design.train
+        lag_s, delay_s = point.lag_s, point.delay_s
+        self.chunks = [shifted(chunk, described, point.shift) for chunk in design.chunks]
+        self._base = replace(design, chunks=tuple(self.chunks))
+        shaped = (
+            self._base.with_torque([chunk.torque for chunk in self.chunks])
+            if point.log_asymmetry is None
+            else with_lag_on_rotors(self._base, described, self._rotors(point.log_asymmetry))
+        )
+        self._shaped, self._by_expo = shaped, search.by_expo.behind(lag_s, delay_s)
+        # Squares of thrust follow from no set-point linearly: they are instruments themselves.
+        self._project = Projection(design, DAMPED, train, also=self._by_expo)
+        names = [name for name in (*DAMPED.columns, *design.disturbances(DAMPED)) if name != TRIM.symbol]
+        columns = shaped.stack(names, shaped.torque.behind(lag_s, delay_s))[train]
+        targets = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[train]
+        self.fixed = self._project(columns)
+        scale = np.linalg.norm(self.fixed, axis=0)
+        theta = np.linalg.lstsq(self.fixed / scale, targets, rcond=None)[0] / scale[:, np.newaxis]
+        self.B = theta[[names.index(name) for name in TORQUE_SYMBOLS]].T
+        self.residual = targets - columns @ theta
+        self.explained = self._project.coordinates(self.residual)
+
+    def _rotors(self, log_asymmetry: float) -> Rotors:
+        return Rotors.of(max(self._point.lag_s, _LEAST_LAG_S), log_asymmetry)
+
+    @cached_property
+    def shared(self) -> Mapping[str, FloatArray]:
+        """The derivatives by k, lag, delay and asymmetry, by name, each (n_train, 3).
+
+        They cost more than all else, and a step that leads uphill needs none.
+        """
+        search, point = self._search, self._point
+        slopes = None
+        if point.log_asymmetry is not None:
+            slopes = rotor_slopes(self._base, search.described, self._rotors(point.log_asymmetry))
+        actuator = search.start._replace(lag_s=point.lag_s, delay_s=point.delay_s)
+        effects = torque_effects(self._shaped, actuator, self.B, TorqueUnknowns(slopes), self._project)
+        by_expo = self._project(self._by_expo[search.design.train] @ self.B.T)
+        return {"expo": by_expo, **effects.shared}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Search:
-    """Rows of the fit, the axes that count, and the best actuator as if the expo were right."""
+    """Rows of the fit, the axes that count, and the best actuator as if the expo were right.
+
+    ``by_expo`` is the derivative of the torque by k.
+    """
 
     design: Design
     described: InputDescription
     axes: Sequence[int]
     start: ActuatorFit
+    by_expo: RowTorque
 
     def least(self, *, on_rotors: bool) -> tuple[_Point, _Linear]:
         """Return the point of least error, and the equations about it."""
         point = _Point(0.0, self.start.lag_s, self.start.delay_s, 0.0 if on_rotors else None)
-        linear = self.about(point)
+        linear = _Linear(self, point)
         step = self._step(linear)
         for _ in range(_MOST_STEPS):
             ahead = point.moved(step)
-            tried = self.about(ahead)
+            tried = _Linear(self, ahead)
             if abs(step["expo"]) < _SMALL:
                 return ahead, tried
             if self._misfit(tried, linear) < self._misfit(linear, linear):
@@ -138,34 +186,6 @@ class _Search:
         """Return the weighted squares that a step makes less, as far as they follow from the instruments."""
         weight = self._weight(weighted_by)
         return float(np.sum((weight * linear.explained[:, list(self.axes)]) ** 2))
-
-    def about(self, point: _Point) -> _Linear:
-        """Return the equations about a point."""
-        design, train = self.design, self.design.train
-        lag_s, delay_s = point.lag_s, point.delay_s
-        base = design.with_chunks([shifted(chunk, self.described, point.shift) for chunk in design.chunks])
-        shaped, slopes = base, None
-        if point.log_asymmetry is not None:
-            rotors = Rotors.of(max(lag_s, _LEAST_LAG_S), point.log_asymmetry)
-            shaped = with_lag_on_rotors(base, self.described, rotors)
-            slopes = rotor_slopes(base, self.described, rotors)
-        by_expo = design.torque.replaced(torques_by_expo(design.chunks, self.described)).behind(
-            lag_s, delay_s
-        )
-        # Squares of thrust follow from no set-point linearly: they are instruments themselves.
-        project = Projection(design, DAMPED, train, also=by_expo)
-        names = [name for name in (*DAMPED.columns, *design.disturbances(DAMPED)) if name != TRIM.symbol]
-        columns = shaped.stack(names, shaped.torque.behind(lag_s, delay_s))[train]
-        targets = np.column_stack([design.columns[name] for name in ACCELERATION_SYMBOLS])[train]
-        fixed = project(columns)
-        scale = np.linalg.norm(fixed, axis=0)
-        theta = np.linalg.lstsq(fixed / scale, targets, rcond=None)[0] / scale[:, np.newaxis]
-        B = theta[[names.index(name) for name in TORQUE_SYMBOLS]].T
-        actuator = self.start._replace(lag_s=lag_s, delay_s=delay_s)
-        effects = torque_effects(shaped, actuator, B, TorqueUnknowns(slopes), project)
-        shared = {"expo": project(by_expo[train] @ B.T), **effects.shared}
-        residual = targets - columns @ theta
-        return _Linear(fixed, shared, residual, project.coordinates(residual), B, base)
 
     def _step(self, linear: _Linear) -> dict[str, float]:
         """Return the step to the least squares of the linear equations."""
@@ -203,9 +223,10 @@ class _Search:
             )
             for number, (axis, one) in enumerate(zip(axes, weight, strict=True))
         ]
-        errors = battery_errors(linear.base)
+        base = design.with_chunks(linear.chunks)
+        errors = battery_errors(base)
         if not self.described.every_step:
-            errors += sampling_errors(linear.base)
+            errors += sampling_errors(base)
         made = [each.behind(point.lag_s, point.delay_s)[design.train] @ linear.B.T for each in errors]
         of_errors = np.stack(made, axis=2)[:, axes] * weight[:, np.newaxis]
         nothing = np.zeros(n_shared + n * len(axes))
@@ -330,10 +351,10 @@ def _with_other_changes(found: _Found, data: FlightData) -> _Found:
 def _search(design: Design, described: InputDescription) -> _Found:
     """Search on the axes whose motion the model explains, with the lag where it explains them better."""
     axes = [axis for axis in excited_axes(design) if axis in _TILTING]
+    by_expo = design.torque.replaced(torques_by_expo(design.chunks, described))
     while axes:
-        search = _Search(
-            design=design, described=described, axes=axes, start=fit_actuator(design, DAMPED, axes)
-        )
+        start = fit_actuator(design, DAMPED, axes)
+        search = _Search(design=design, described=described, axes=axes, start=start, by_expo=by_expo)
         point, linear = search.least(on_rotors=False)
         if search.start.lag_s >= _LEAST_LAG_S:
             other = search.least(on_rotors=True)
