@@ -8,7 +8,7 @@ functions).
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final
 
@@ -96,6 +96,9 @@ class Design:
     high_pass_hz: float = 0.0
     instruments: FloatArray | None = None
     held_per_s: FloatArray | None = None
+    #: Columns without what is slower than a frequency: a search comes back to a few of them.
+    _columns_above: dict[float, dict[str, FloatArray]] = field(default_factory=dict, init=False, repr=False)
+    _instruments_above: dict[float, FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def train(self) -> BoolArray:
@@ -108,13 +111,17 @@ class Design:
         There the air moves the vehicle: gusts, and the moment of the drag at
         the speed that it has picked up, which no gyro tells.
         """
-        return replace(
-            self,
-            columns={
+        if high_pass_hz not in self._columns_above:
+            self._columns_above[high_pass_hz] = {
                 name: self.high_pass(column[:, np.newaxis], high_pass_hz)[:, 0]
                 for name, column in self.columns.items()
-            },
-            instruments=None if self.instruments is None else self.high_pass(self.instruments, high_pass_hz),
+            }
+        if self.instruments is not None and high_pass_hz not in self._instruments_above:
+            self._instruments_above[high_pass_hz] = self.high_pass(self.instruments, high_pass_hz)
+        return replace(
+            self,
+            columns=self._columns_above[high_pass_hz],
+            instruments=None if self.instruments is None else self._instruments_above[high_pass_hz],
             torque=replace(self.torque, high_pass_hz=high_pass_hz),
             high_pass_hz=high_pass_hz,
         )
@@ -139,7 +146,7 @@ class Design:
 
     def without_instruments(self) -> Design:
         """Return the same rows for plain least squares."""
-        return replace(self, instruments=None, held_per_s=None)
+        return self._of_these_columns(replace(self, instruments=None, held_per_s=None))
 
     def without_held(self, held_per_s: FloatArray) -> Design:
         """Return the same rows, what of the logged rate set-points follows from the attitude taken out.
@@ -155,7 +162,7 @@ class Design:
         instruments = _instruments([_not_held(chunk, held_per_s) for chunk in self.chunks], grids)
         if instruments is not None:
             instruments = self.high_pass(instruments, self.high_pass_hz)
-        return replace(self, instruments=instruments, held_per_s=held_per_s)
+        return self._of_these_columns(replace(self, instruments=instruments, held_per_s=held_per_s))
 
     def instrumented_as(self, other: Design) -> Design:
         """Return the same rows with the instruments that another design of the flight chose."""
@@ -165,12 +172,22 @@ class Design:
 
     def with_chunks(self, chunks: Sequence[Segment]) -> Design:
         """Return the same rows with other torque and thrust of the same chunks of the flight."""
-        changed = replace(self, chunks=tuple(chunks))
-        return changed.with_torque([chunk.torque for chunk in chunks])
+        changed = replace(self.with_torque([chunk.torque for chunk in chunks]), chunks=tuple(chunks))
+        return self._of_these_instruments(changed)
 
     def with_torque(self, torques: Sequence[FloatArray]) -> Design:
         """Return the same rows with other torques, one array (n_samples, 3) per chunk."""
-        return replace(self, torque=self.torque.replaced(torques))
+        return self._of_these_instruments(replace(self, torque=self.torque.replaced(torques)))
+
+    def _of_these_columns(self, other: Design) -> Design:
+        """Let a design that has the same columns know what was high-passed of them."""
+        object.__setattr__(other, "_columns_above", self._columns_above)
+        return other
+
+    def _of_these_instruments(self, other: Design) -> Design:
+        """Let a design that has the same columns and instruments know what was high-passed of both."""
+        object.__setattr__(other, "_instruments_above", self._instruments_above)
+        return self._of_these_columns(other)
 
     def disturbances(self, structure: Structure) -> tuple[str, ...]:
         """Return the columns that move the vehicle beside those of a structure; the paper's own have none."""

@@ -22,7 +22,7 @@ from quadid_logs.identify.actuator_model import (
 from quadid_logs.identify.checks import bootstrapped_half_width, check_change, check_formulations
 from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.first_stage import told_axes
-from quadid_logs.identify.fit import PooledFit, fit_pooled, lay_out, with_trim
+from quadid_logs.identify.fit import PooledFit, Regression, fit_laid_out, lay_out, used_columns, with_trim
 from quadid_logs.identify.parameters import plausible_size
 from quadid_logs.identify.rotors import rotors_known, with_lag_on_rotors
 from quadid_logs.identify.structural import check_structure
@@ -66,7 +66,8 @@ class ActuatedFit(NamedTuple):
 class Unchecked(NamedTuple):
     """The same without the checks, which take most of the time, and what they need.
 
-    ``untrimmed`` is the fit on the high-passed rows, ``known`` the actuator if it was known before.
+    ``untrimmed`` is the fit on the high-passed rows, which ``regression`` lays out, ``known`` the actuator if
+    it was known before.
     """
 
     data: FlightData
@@ -74,6 +75,7 @@ class Unchecked(NamedTuple):
     whole: Design
     model: ActuatorModel
     structure: Structure
+    regression: Regression
     untrimmed: PooledFit
     fit: PooledFit
     informative: list[int]
@@ -131,7 +133,7 @@ def fit_unchecked(
     Unchecked
     """
     described = data.input if rotors_known(data) else None
-    problem, model, fit, informative = fit_behind_actuator(
+    problem, model, regression, fit, informative = fit_behind_actuator(
         data, whole.high_passed(settings.high_pass_hz), structure, voting=voting, known=known
     )
     if model.rotors is not None and described is not None:
@@ -142,6 +144,7 @@ def fit_unchecked(
         whole=whole,
         model=model,
         structure=structure,
+        regression=regression,
         untrimmed=fit,
         fit=with_trim(fit, structure, whole, model.actuator),
         informative=informative,
@@ -161,8 +164,7 @@ def checked(found: Unchecked) -> ActuatedFit:
     ActuatedFit
     """
     data, model, structure, fit = found.data, found.model, found.structure, found.untrimmed
-    problem = found.problem._replace(kept=fit.kept)
-    regression = lay_out(model.design, structure, model.actuator, fit.kept)
+    problem, regression = found.problem._replace(kept=fit.kept), found.regression
     known = found.known
     return ActuatedFit(
         whole=found.whole,
@@ -186,10 +188,11 @@ def checked(found: Unchecked) -> ActuatedFit:
 
 
 class _Behind(NamedTuple):
-    """What was fitted, the actuator, the fit behind it, and the axes that answer to their own torque."""
+    """What was fitted, the actuator, rows and fit behind it, and the axes that answer to their own torque."""
 
     problem: FitProblem
     model: ActuatorModel
+    regression: Regression
     fit: PooledFit
     informative: list[int]
 
@@ -219,7 +222,7 @@ def fit_behind_actuator(
     -------
     _Behind
     """
-    actuator, informative, voters = _on_torque(structure, design, voting, known)
+    actuator, informative, voters, regression = _on_torque(structure, design, voting, known)
     problem = FitProblem(
         design,
         structure,
@@ -228,47 +231,51 @@ def fit_behind_actuator(
         every_step=data.input is not None and data.input.every_step,
         grid=data.input.grid if data.input is not None else (0.0, 0.0, 0.0),
     )
-    model = (
-        ActuatorModel(actuator, design)
-        if known
-        else find_actuator_model(problem, actuator, data.input if rotors_known(data) else None)
-    )
-    return _Behind(problem, model, *_fit_behind(model, structure))
+    if known:
+        model = ActuatorModel(actuator, design)
+    else:
+        model = find_actuator_model(problem, actuator, data.input if rotors_known(data) else None)
+        regression = lay_out(model.design, structure, model.actuator)
+    return _Behind(problem, model, *_fit_behind(model, structure, regression))
 
 
 def _on_torque(
     structure: Structure, design: Design, voting: Sequence[int], known: KnownActuator | None
-) -> tuple[ActuatorFit, list[int], list[int]]:
-    """Find a lag on the torque and a delay, the axes that are informative behind them, and who voted."""
+) -> tuple[ActuatorFit, list[int], list[int], Regression]:
+    """Find a lag on the torque and a delay, the axes that are informative behind them, voters, and rows."""
     axes = told_axes(design)
     voters = [axis for axis in axes if axis in voting] or list(voting)
     if known is None:
         actuator = fit_actuator(design, structure, voters)
     else:
         actuator = ActuatorFit(known.lag_s, known.delay_s, np.zeros(0), np.zeros(0), np.zeros((0, 0)))
-    informative = _explained(_r2_behind(actuator, structure, design), axes)
+    regression = lay_out(design, structure, actuator)
+    informative = _explained(_r2_commanded(regression, design), axes)
     chosen = [axis for axis in informative if axis in voting]
     if known is None and chosen and chosen != voters:
         actuator = fit_actuator(design, structure, chosen)
-        informative = _explained(_r2_behind(actuator, structure, design), axes)
-    return actuator, informative, [axis for axis in informative if axis in voting] or voters
+        regression = lay_out(design, structure, actuator)
+        informative = _explained(_r2_commanded(regression, design), axes)
+    return actuator, informative, [axis for axis in informative if axis in voting] or voters, regression
 
 
-def _r2_behind(actuator: ActuatorFit, structure: Structure, design: Design) -> FloatArray:
-    """Return R2 of what was commanded of each target, behind a lag and a delay; shape (n_targets,)."""
-    regression = lay_out(design, structure, actuator)
+def _r2_commanded(regression: Regression, design: Design) -> FloatArray:
+    """Return R2 of what was commanded of each target; shape (n_targets,)."""
     return regression.r2_commanded(regression.solve(), design)
 
 
-def _fit_behind(model: ActuatorModel, structure: Structure) -> tuple[PooledFit, list[int]]:
-    """Fit behind lag and delay without what cannot be seen, and return the informative axes as well."""
-    axes = told_axes(model.design)
-    fit = fit_pooled(model.design, structure, model.actuator, unknown=model.unknown)
-    informative = _informative(fit, axes)
+def _fit_behind(
+    model: ActuatorModel, structure: Structure, regression: Regression
+) -> tuple[Regression, PooledFit, list[int]]:
+    """Fit behind lag and delay without what cannot be seen, and return rows and informative axes as well."""
+    design, actuator, unknown = model.design, model.actuator, model.unknown
+    fit = fit_laid_out(regression, design, structure, actuator, unknown)
+    informative = _informative(fit, told_axes(design))
     kept = _visible(structure, fit, informative)
     if not kept.all():
-        fit = fit_pooled(model.design, structure, model.actuator, kept, model.unknown)
-    return fit, informative
+        regression = regression._replace(used=used_columns(design, structure, kept))
+        fit = fit_laid_out(regression, design, structure, actuator, unknown)
+    return regression, fit, informative
 
 
 def _informative(fit: PooledFit, axes: Sequence[int]) -> list[int]:

@@ -235,6 +235,31 @@ def fit_pooled(
     PooledFit
     """
     regression = lay_out(design, structure, actuator, kept, average=average)
+    return fit_laid_out(regression, design, structure, actuator, unknown, average=average)
+
+
+def fit_laid_out(
+    regression: Regression,
+    design: Design,
+    structure: Structure,
+    actuator: ActuatorFit | None,
+    unknown: TorqueUnknowns = NOTHING_UNKNOWN,
+    *,
+    average: int = 1,
+) -> PooledFit:
+    """Fit as `fit_pooled` does, to rows that are laid out.
+
+    Parameters
+    ----------
+    regression : Regression
+        As of `lay_out` for the others.
+    design, structure, actuator, unknown, average
+        As of `fit_pooled`.
+
+    Returns
+    -------
+    PooledFit
+    """
     Z, _, Y, used, project = regression
     n_columns = len(structure.columns)
     theta = regression.solve()

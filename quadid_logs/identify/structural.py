@@ -256,11 +256,12 @@ def check_structure(
     persistence, spread = _variation(design, equations)
     flight_gain, flight_half_width = _by_flight(design, equations)
 
+    # What is looked for is the same whatever the equations have already.
+    candidates = list(_candidates(design, model, regression)) if equations else []
+    dead_zones = list(_dead_zones(design, model, described)) if equations else []
+
     def look(equations: dict[int, _EquationRows]) -> list[_Found]:
-        return [
-            *_effects(design, model, regression, equations),
-            *_of_rotors(design, model, equations, described),
-        ]
+        return [*_effects(candidates, equations), *_of_rotors(dead_zones, equations)]
 
     found = look(equations)
     check = StructuralCheck(
@@ -561,17 +562,13 @@ def _equations(
     return {axis: each for axis, each in equations.items() if each.gain != 0.0 and each.residual.any()}
 
 
-def _effects(
-    design: Design, model: ActuatorModel, regression: Regression, equations: dict[int, _EquationRows]
-) -> Iterator[_Found]:
+def _effects(candidates: Sequence[_Candidate], equations: dict[int, _EquationRows]) -> Iterator[_Found]:
     """Yield the likeliest level or frequency of each kind of effect, axis by axis.
 
     That is the one furthest beyond chance, of several limits that are clear the one that explains most.
     """
-    if not equations:
-        return
     best: dict[tuple[int, Effect], _Found] = {}
-    for candidate in _candidates(design, model, regression):
+    for candidate in candidates:
         for axis, equation in equations.items():
             if candidate.effect in ("tilt", "swing") and axis == 2:
                 continue
@@ -657,32 +654,42 @@ def _thresholds(design: Design, model: ActuatorModel, regression: Regression) ->
         yield _Candidate(effect, cut_off[..., np.newaxis], level, instrument)
 
 
-def _of_rotors(
-    design: Design,
-    model: ActuatorModel,
-    equations: dict[int, _EquationRows],
-    described: InputDescription | None,
-) -> tuple[_Found, ...]:
+class _DeadZone(NamedTuple):
+    """A level of a rotor's thrust about the mean of all, and the torque (n_train, 3) of what is below it."""
+
+    level: float
+    below: FloatArray
+
+
+def _dead_zones(
+    design: Design, model: ActuatorModel, described: InputDescription | None
+) -> Iterator[_DeadZone]:
+    """Yield the levels that are looked for, none where the thrust of each rotor is not known."""
+    per_thrust = None if described is None else described.torque_per_thrust
+    thrusts = [chunk.rotor_thrust for chunk in design.chunks if chunk.rotor_thrust is not None]
+    if per_thrust is None or len(thrusts) < len(design.chunks):
+        return
+    apart = [each - each.mean(axis=1, keepdims=True) for each in thrusts]
+    for level in np.quantile(np.abs(np.concatenate(apart)), _LEVELS).tolist():
+        torques = [np.clip(each, -level, level) @ per_thrust.T for each in apart]
+        yield _DeadZone(level, _behind(design, model, torques))
+
+
+def _of_rotors(dead_zones: Sequence[_DeadZone], equations: dict[int, _EquationRows]) -> tuple[_Found, ...]:
     """Return what a dead zone of each rotor does, which follows no command near the mean of all rotors.
 
     Torques about several axes move a rotor by their sum, so that no level of one torque tells it. The level,
     and how much is lost below it, are those of all axes together.
     """
-    per_thrust = None if described is None else described.torque_per_thrust
-    thrusts = [chunk.rotor_thrust for chunk in design.chunks if chunk.rotor_thrust is not None]
-    if per_thrust is None or not equations or len(thrusts) < len(design.chunks):
-        return ()
-    apart = [each - each.mean(axis=1, keepdims=True) for each in thrusts]
     best: dict[int, _Extended] = {}
     lost, place, of_rotors = _Lost(0.0, 0.0), np.nan, np.zeros((0, 3))
-    for level in np.quantile(np.abs(np.concatenate(apart)), _LEVELS):
-        below = _behind(design, model, [np.clip(each, -level, level) @ per_thrust.T for each in apart])
+    for level, below in dead_zones:
         found = {axis: each.extended(below[:, [axis]], None) for axis, each in equations.items()}
         of_level = _Lost.of([each for each in found.values() if each.statistic > 0.0])
         # By the instruments a coefficient may be beyond chance and yet leave more than there was: no effect.
         explains = sum(each.explained for each in found.values()) > 0.0
         if explains and of_level.fraction > _LEAST_OF_LEVEL and of_level.statistic > lost.statistic:
-            best, lost, place, of_rotors = found, of_level, float(level), below
+            best, lost, place, of_rotors = found, of_level, level, below
     explained = max((each.explained for each in best.values()), default=0.0)
     most = lost.fraction * (1.0 + NORMAL_95 / np.sqrt(max(lost.statistic, 1.0)))
     checks = (

@@ -125,7 +125,7 @@ def _fitted(data: FlightData, band: Band, settings: IdentifySettings) -> _Fitted
     design = with_strong_instruments(design, high_passed, excited_axes(high_passed))
     data, design, _ = fit_thrust_curve(data, design, band.low_hz)
     structure = DAMPED.known(design.torque.symbols)
-    _, model, fit, informative = fit_behind_actuator(data, design.high_passed(band.low_hz), structure)
+    _, model, _, fit, informative = fit_behind_actuator(data, design.high_passed(band.low_hz), structure)
     rows = model.design
     torque = rows.torque.behind(model.actuator.lag_s, model.actuator.delay_s, structure.inputs)
     names = (*structure.columns, *rows.disturbances(structure))
