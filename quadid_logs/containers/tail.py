@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from quadid_logs.containers.dataflash_index import DEFINING, FMT_ID, FMT_LENGTH, HEADER
-from quadid_logs.containers.ulog_definitions import HEADER_MAGIC, HEADER_SIZE
+from quadid_logs.containers.ulog_header import HEADER_MAGIC, HEADER_SIZE
 
 #: Messages of DataFlash that are no samples: what is set, what was said, and what began.
 _STATES: Final = DEFINING | {"PARM", "MSG", "VER", "ARM", "EV", "MODE", "ERR"}

@@ -11,7 +11,7 @@ import numpy as np
 
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
 from quadid_logs.containers.content import FileParts, mean_rate_hz, rows_of_types
-from quadid_logs.containers.ulog_definitions import HEADER_MAGIC, Definitions, Subscription
+from quadid_logs.containers.ulog_definitions import Definitions, Subscription
 from quadid_logs.containers.ulog_frames import Frames, frame
 from quadid_logs.data.log import LostBytes, MessageCount
 
@@ -86,11 +86,6 @@ class UlogContent:
 def holds(layout: np.dtype[np.void], field: str, kinds: str) -> bool:
     """Tell whether a row has the field, as one number of these kinds; a damaged format makes arrays of it."""
     return field in (layout.names or ()) and layout[field].kind in kinds
-
-
-def is_mine(head: bytes) -> bool:
-    """Tell whether a file beginning with `head` is a ULog."""
-    return head.startswith(HEADER_MAGIC)
 
 
 def read_topics(path: str | Path, topics: Collection[str] | None = None) -> dict[TopicKey, TopicTable]:

@@ -16,9 +16,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.containers.ulog_formats import BASIC_TYPES, BrokenMessageError, Formats
+from quadid_logs.containers.ulog_header import HEADER_SIZE
 
-HEADER_MAGIC: Final = b"\x55\x4c\x6f\x67\x01\x12\x35"
-HEADER_SIZE: Final = 16
 SYNC_MAGIC: Final = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 #: Where an id is not subscribed, no size fits: the least one is larger than any message.
 NO_SIZE: Final = 1 << 17

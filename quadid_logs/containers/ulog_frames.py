@@ -17,14 +17,9 @@ from numpy.typing import NDArray
 
 from quadid_logs.arrays import IntArray
 from quadid_logs.containers.content import Bytes, FileParts, merge_lost, rows_at
-from quadid_logs.containers.ulog_definitions import (
-    HEADER_MAGIC,
-    HEADER_SIZE,
-    MESSAGE_TYPES,
-    NO_SIZE,
-    Definitions,
-)
+from quadid_logs.containers.ulog_definitions import MESSAGE_TYPES, NO_SIZE, Definitions
 from quadid_logs.containers.ulog_formats import BrokenMessageError
+from quadid_logs.containers.ulog_header import HEADER_MAGIC, HEADER_SIZE
 from quadid_logs.data.log import LostBytes
 
 _DATA: Final = ord("D")

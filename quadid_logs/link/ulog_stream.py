@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import BinaryIO, Final
 
-from quadid_logs.containers.ulog_definitions import HEADER_MAGIC, HEADER_SIZE
+from quadid_logs.containers.ulog_header import HEADER_MAGIC, HEADER_SIZE
 from quadid_logs.link.losses import Losses
 
 #: Before each message: its size (16 bits) without these three bytes, and its type.

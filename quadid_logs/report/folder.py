@@ -10,17 +10,19 @@ from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
 from pathlib import Path, PurePath
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
-from quadid_logs.figures import FIGURE_KEYS, Figure, figures_of
 from quadid_logs.output import beside_prefix, check_free, check_no_link, new_folder, remove_unfinished
 from quadid_logs.report.json import json_text
 from quadid_logs.report.provenance import Provenance, provenance_of
 from quadid_logs.tuning import tuning_of
 from quadid_logs.untrusted import portable_name, printable
 from quadid_logs.vocabulary import AXES
+
+if TYPE_CHECKING:
+    from quadid_logs.figures import Figure
 
 RESULT_FILE, REPORT_FILE = "result.json", "report.html"
 #: Beside the folders of several logs.
@@ -197,6 +199,7 @@ def write_report(
 
 def write_drawings(result: Result, provenance: Provenance, folder: Path, png: PngChoice) -> None:
     """Write report.html and the chosen PNG files into an existing folder."""
+    from quadid_logs.figures import figures_of
     from quadid_logs.figures.png import write_png
     from quadid_logs.report.html import render_html
     from quadid_logs.report.sharing import without_folders
@@ -241,6 +244,8 @@ def _writing_beside(folder: Path) -> Iterator[Path]:
 
 def _move_into(beside: Path, folder: Path, *, force: bool) -> None:
     """Move every finished file into the folder, result.json last."""
+    from quadid_logs.figures import FIGURE_KEYS
+
     names = sorted((path.name for path in beside.iterdir()), key=lambda name: (name == RESULT_FILE, name))
     check_free(*(folder / name for name in names), force=force)
     with new_folder(folder):

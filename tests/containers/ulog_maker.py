@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import struct
 
-from quadid_logs.containers.ulog_definitions import HEADER_MAGIC, SYNC_MAGIC
+from quadid_logs.containers.ulog_definitions import SYNC_MAGIC
+from quadid_logs.containers.ulog_header import HEADER_MAGIC
 
 RATE_FORMAT = "vehicle_angular_velocity:uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;"
 TORQUE_FORMAT = "vehicle_torque_setpoint:uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;"

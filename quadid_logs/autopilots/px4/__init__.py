@@ -3,8 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from quadid_logs.autopilots import Autopilot, LogFormat, entry
+from quadid_logs.data.log import FlightLog
+
+
+def _read_ulog(path: str | Path, *, system: int = 0) -> FlightLog:
+    """Read a ULog by what is imported for that alone: every log is asked first whether it is one."""
+    from quadid_logs.autopilots.px4.log import read
+
+    return read(path, system=system)
+
+
+def _read_sdlog2(path: str | Path, *, system: int = 0) -> FlightLog:
+    """Read a log of sdlog2, as `_read_ulog` does."""
+    from quadid_logs.autopilots.px4.sdlog2 import read
+
+    return read(path, system=system)
 
 
 class Px4(Autopilot):
@@ -29,13 +45,11 @@ class Px4(Autopilot):
 
     def formats(self) -> tuple[LogFormat, ...]:
         """ULog, and before 1.4 sdlog2, which has the magic bytes of DataFlash."""
-        from quadid_logs.autopilots.px4.log import read
-        from quadid_logs.autopilots.px4.sdlog2 import read as read_sdlog2
-        from quadid_logs.containers import sdlog2, ulog
+        from quadid_logs.containers import sdlog2, ulog_header
 
         return (
-            LogFormat("ulog", "PX4 ULog", ulog.is_mine, read, (".ulg",)),
-            LogFormat("dataflash", "PX4 sdlog2", sdlog2.is_mine, read_sdlog2, (".px4log",), "sdlog2"),
+            LogFormat("ulog", "PX4 ULog", ulog_header.is_mine, _read_ulog, (".ulg",)),
+            LogFormat("dataflash", "PX4 sdlog2", sdlog2.is_mine, _read_sdlog2, (".px4log",), "sdlog2"),
         )
 
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
