@@ -349,7 +349,9 @@ class _Search:
         self._weight = np.ones(len(self._rows))
         # A delay moves no rotor, nor does the choice of instruments.
         self._designs: _Latest[Design] = _Latest(3)
-        self._see_through(Projection(design, structure, self._train))
+        # Whatever instruments see of it, the torque on the rows is the same: at a point, and a step along each.
+        self._torques_on_rows: _Latest[FloatArray] = _Latest(1 + len(_STEPS))
+        self._see_through(self.project)
 
     def _see_through(self, project: Projection) -> None:
         """Take from rows and torque what these instruments tell of them."""
@@ -496,7 +498,7 @@ class _Search:
 
     def _torque(self, *place: float) -> FloatArray:
         """Return the torque on the training rows, as far as it follows from the instruments."""
-        return self.project.coordinates(self._behind(*place))
+        return self.project.coordinates(self._torques_on_rows.of(place, self._behind))
 
     def _behind(self, lag_s: float, delay_s: float, log_asymmetry: float) -> FloatArray:
         """Return the torque on the training rows."""
@@ -504,7 +506,7 @@ class _Search:
         return design.torque.behind(lag_s, delay_s, self._inputs)[self._train]
 
     def _torque_on_rows(self, x: FloatArray) -> FloatArray:
-        return self._behind(*self._place(x))
+        return self._torques_on_rows.of(self._place(x), self._behind)
 
     def _place(self, x: FloatArray) -> tuple[float, float, float]:
         """Return lag, delay and asymmetry, which may not be searched for."""
