@@ -349,7 +349,7 @@ class _Search:
         self._weight = np.ones(len(self._rows))
         # A delay moves no rotor, nor does the choice of instruments.
         self._designs: _Latest[Design] = _Latest(3)
-        # Whatever instruments see of it, the torque on the rows is the same: at a point, and a step along each.
+        # The same for all instruments: at a point, and a step away along each unknown.
         self._torques_on_rows: _Latest[FloatArray] = _Latest(1 + len(_STEPS))
         self._see_through(self.project)
 

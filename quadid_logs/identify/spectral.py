@@ -471,6 +471,13 @@ def spectra_of(
     return block_spectra(columns, starts, data.sample_period_s, length_s=length_s, highest_hz=highest_hz)
 
 
+class _Whitening(NamedTuple):
+    """What brings moments to standard deviations, (n, n_bands, n_bands), and the logarithm of its size."""
+
+    matrix: FloatArray
+    log_size: FloatArray
+
+
 class AxisMoments:
     """One axis: what is summed over blocks once, and what changes with the weights."""
 
@@ -635,13 +642,38 @@ class AxisMoments:
         drag, like a tilt).
         """
         self.variance, self.moments_hz = variance, moments_hz
-        size, held = self.size, self.size * self._held()
+        self.whitening = self._whitening(np.array([variance]), moments_hz).matrix[0]
+
+    def _whitening(self, variances: FloatArray, moments_hz: float) -> _Whitening:
+        """Return the whitening for each of some variances."""
+        size, held = self.size, self.size * (moments_hz / self.centre_hz) ** 2
         covariance = np.diag(0.5 * self.variance_of_noise())
-        covariance = covariance + (variance * np.outer(size, size) + np.outer(held, held)) * self.alike
-        scale = 1.0 / np.sqrt(np.diag(covariance))
-        triangle = np.linalg.cholesky(covariance * np.outer(scale, scale))
-        self.whitening = np.linalg.inv(triangle) * scale
-        self.log_size = float(2.0 * np.log(np.diag(triangle)).sum() - 2.0 * np.log(scale).sum())
+        departure = variances[:, np.newaxis, np.newaxis] * np.outer(size, size) + np.outer(held, held)
+        covariance = covariance + departure * self.alike
+        scale = 1.0 / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        triangle = np.linalg.cholesky(covariance * (scale[:, :, np.newaxis] * scale[:, np.newaxis, :]))
+        diagonal = np.diagonal(triangle, axis1=1, axis2=2)
+        log_size = 2.0 * np.log(diagonal).sum(axis=1) - 2.0 * np.log(scale).sum(axis=1)
+        return _Whitening(np.linalg.inv(triangle) * scale[:, np.newaxis, :], log_size)
+
+    def likelihoods(self, moments: ComplexArray, variances: FloatArray, moments_hz: float) -> FloatArray:
+        """Return logarithms of how likely moments are for departures of these variances, but for a constant.
+
+        Parameters
+        ----------
+        moments : ndarray of complex, shape (n_bands,)
+        variances : ndarray, shape (n,)
+        moments_hz : float
+            As of `depart`.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+        """
+        matrices, log_size = self._whitening(variances, moments_hz)
+        turned = moments * self.turn
+        whites = (np.concatenate([each.real, each.imag]) for each in (one @ turned for one in matrices))
+        return np.array([-0.5 * float(white @ white) for white in whites]) - log_size
 
     def _held(self) -> FloatArray:
         """Return moments of tilt and speed over the torque's; shape (n_bands,)."""
@@ -864,13 +896,8 @@ def _depart_likely(axis: AxisMoments, left: ComplexArray) -> None:
     Moments of tilt and speed are the likeliest ones, and with them the variance of the departure is the mean
     of those that are tried, each by how likely it is.
     """
-    likely = np.empty((len(_MOMENTS_HZ), _DEPARTURES.size))
-    for row, moments_hz in enumerate(_MOMENTS_HZ):
-        for number, departure in enumerate(_DEPARTURES.tolist()):
-            axis.depart(departure**2, moments_hz)
-            white = axis.white(left)
-            likely[row, number] = -0.5 * float(white @ white) - axis.log_size
-            likely[row, number] -= np.log1p((departure / _TYPICAL_DEPARTURE) ** 2)
+    likely = np.stack([axis.likelihoods(left, _DEPARTURES**2, moments_hz) for moments_hz in _MOMENTS_HZ])
+    likely -= np.log1p((_DEPARTURES / _TYPICAL_DEPARTURE) ** 2)
     weight = np.exp(likely - likely.max())
     best = int(weight.sum(axis=1).argmax())
     axis.depart(float(weight[best] @ _DEPARTURES**2 / weight[best].sum()), _MOMENTS_HZ[best])
