@@ -196,6 +196,17 @@ def test_i_goes_with_p_by_the_ratio_or_stays() -> None:
     assert doubled(DOUBLED._replace(integral_ratio=None))["I"] == LOW["I"]
 
 
+def test_doubling_ends_on_each_of_several_vehicles_as_on_it_alone() -> None:
+    """One that oscillates early waits for none that rises longer."""
+    effectiveness = (100.0, 300.0, 900.0)
+    together = double(DOUBLED, controller(LOW), plants(*effectiveness), NAMES, controller)
+    assert together is not None
+    for number, each in enumerate(effectiveness):
+        alone = double(DOUBLED, controller(LOW), plants(each), NAMES, controller)
+        assert alone is not None
+        np.testing.assert_array_equal([ends[number] for ends in together], np.ravel(alone))
+
+
 def test_d_of_none_rises_too() -> None:
     """As many users have it in yaw."""
     assert doubled(D=0.0)["D"] == pytest.approx(doubled()["D"], rel=0.02)

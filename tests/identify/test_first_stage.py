@@ -103,6 +103,21 @@ def test_setpoints_that_hold_an_attitude_are_no_instruments_beside_a_chirp() -> 
     np.testing.assert_allclose(after.instruments[:, 3::6], before.instruments[:, 3::6])
 
 
+def test_high_passed_setpoints_without_what_held_an_attitude_are_not_those_before() -> None:
+    """Both designs have the same columns, and each its own instruments."""
+    design = held_roll(injected=True)
+    before, after = design.high_passed(0.3), chosen(design).high_passed(0.3)
+    assert before.instruments is not None
+    assert after.instruments is not None
+    assert np.all(np.std(after.instruments[:, 0::6]) < 1e-3 * np.std(before.instruments[:, 0::6]))
+
+
+def test_a_design_high_passed_again_loses_more_to_a_higher_edge() -> None:
+    design = held_roll(injected=True)
+    low, high = (design.high_passed(each).columns["p"] for each in (0.3, 1.0))
+    assert np.std(high) < 0.9 * np.std(low)
+
+
 def test_setpoints_that_hold_an_attitude_stay_where_nothing_else_drives_the_axis() -> None:
     """Without a chirp the axis would have no instrument: its interval widens instead."""
     before, after = held_roll(injected=False), chosen(held_roll(injected=False))
