@@ -7,7 +7,7 @@ import gc
 import weakref
 from collections.abc import Callable
 from functools import cache
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,24 +119,24 @@ def test_no_lag_or_delay_is_identified_at_the_end_of_the_search(lag_s: float, de
     assert not ended.delay_identifiable
 
 
+class FlatteningOut:
+    """Equations of the thrust curve's search whose error flattens out: its minimum is at 3."""
+
+    def __init__(self, _: object, point: thrust_curve._Point) -> None:
+        off, of_axes = point.shift - 3.0, np.ones((50, 3))
+        self.fixed = np.zeros((50, 0))
+        self.shared = {"expo": of_axes / (1.0 + off**2), "delay": np.zeros((50, 3))}
+        self.residual = self.explained = -np.arctan(off) * of_axes
+
+
 def test_a_step_of_the_thrust_curves_search_that_leads_uphill_is_halved(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """An error that flattens out: full steps go ever farther from its minimum, at 3."""
-    n = 50
-
-    def about(_: object, point: thrust_curve._Point) -> thrust_curve._Linear:
-        off = point.shift - 3.0
-        of_axes = np.ones((n, 3))
-        shared = {"expo": of_axes / (1.0 + off**2), "delay": np.zeros((n, 3))}
-        left = -np.arctan(off) * of_axes
-        return thrust_curve._Linear(np.zeros((n, 0)), shared, left, left, np.eye(3), cast("Any", None))
-
-    monkeypatch.setattr(thrust_curve._Search, "about", about)
+    """Full steps go ever farther from the minimum."""
+    monkeypatch.setattr(thrust_curve, "_Linear", FlatteningOut)
+    nothing: Any = None
     start = ActuatorFit(0.03, 0.005, np.zeros(1), np.zeros(1), np.zeros((1, 1)))
-    made = thrust_curve._Search(
-        design=cast("Any", None), described=cast("Any", None), axes=[0, 1], start=start
-    )
+    made = thrust_curve._Search(design=nothing, described=nothing, axes=[0, 1], start=start, by_expo=nothing)
     point, _ = made.least(on_rotors=False)
     assert point.shift == pytest.approx(3.0, abs=0.01)
 
