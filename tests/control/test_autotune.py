@@ -198,7 +198,7 @@ def test_i_goes_with_p_by_the_ratio_or_stays() -> None:
 
 def test_doubling_ends_on_each_of_several_vehicles_as_on_it_alone() -> None:
     """One that oscillates early waits for none that rises longer."""
-    effectiveness = (100.0, 300.0, 900.0)
+    effectiveness = (900.0, 300.0, 100.0)
     together = double(DOUBLED, controller(LOW), plants(*effectiveness), NAMES, controller)
     assert together is not None
     for number, each in enumerate(effectiveness):
