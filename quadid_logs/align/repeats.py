@@ -107,11 +107,11 @@ def _limited(values: FloatArray, known: BoolArray) -> FloatArray:
 
 
 def _starts(flown: Mapping[int, _Flown], period_s: float) -> dict[int, int]:
-    """Return at which sample of a common grid each flight begins that repeats the most usual trajectory.
+    """Return at which sample of a common grid each flight begins that repeats the most typical trajectory.
 
     Empty where no two do.
     """
-    starts = _beside_most_usual(flown)
+    starts = _beside_typical(flown)
     while len(starts) > 1:
         for _ in range(_ITERATIONS):
             starts = {place: _beside_others(flown, starts, place, period_s) for place in starts}
@@ -122,11 +122,11 @@ def _starts(flown: Mapping[int, _Flown], period_s: float) -> dict[int, int]:
     return {}
 
 
-def _beside_most_usual(flown: Mapping[int, _Flown]) -> dict[int, int]:
+def _beside_typical(flown: Mapping[int, _Flown]) -> dict[int, int]:
     """Return where each flight begins beside the one that correlates most with all the others."""
     beside = {one: {other: _placed(flown[one], flown[other]) for other in flown} for one in flown}
-    usual = max(beside, key=lambda one: sum(correlation for _, correlation in beside[one].values()))
-    return {place: shift for place, (shift, _) in beside[usual].items()}
+    typical = max(beside, key=lambda one: sum(correlation for _, correlation in beside[one].values()))
+    return {place: shift for place, (shift, _) in beside[typical].items()}
 
 
 def _beside_others(

@@ -245,11 +245,13 @@ def solve_spectra(
     ----------
     spectra : BlockSpectra
     gyro_filter : GyroFilter
-    planned, with_speed : bool
-    moved : sequence of int
+    planned : bool
         As of `fit_spectra`.
     repeated : bool
         The planned trajectory is known by several flights that repeat it.
+    with_speed : bool
+    moved : sequence of int
+        As of `fit_spectra`.
     n_laws : int
         Kinds of flight modes, each with set-points of its own.
 

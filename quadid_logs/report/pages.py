@@ -43,5 +43,5 @@ def by_sentence(text: str) -> list[tuple[str, bool]]:
     >>> by_sentence("Keep the gains. `quadid-log tune a. B.bin` writes files. Land.")
     [('Keep the gains.', False), ('`quadid-log tune a. B.bin` writes files.', True), ('Land.', False)]
     """
-    pieces = re.findall(r"(?:`[^`]*`|.)+?(?:(?<=[.!?])(?=\s+[A-Z`])|$)", text, re.DOTALL)
-    return [(piece.strip(), "`quadid-log " in piece) for piece in pieces if piece.strip()]
+    sentences = re.findall(r"(?:`[^`]*`|.)+?(?:(?<=[.!?])(?=\s+[A-Z`])|$)", text, re.DOTALL)
+    return [(sentence.strip(), "`quadid-log " in sentence) for sentence in sentences if sentence.strip()]
