@@ -128,6 +128,8 @@ def modules_behind(*modules: str, root: Path = ROOT) -> dict[str, Path]:
         left += [name.rpartition(".")[0], *_imports_of(path.read_bytes())]
         if name == "quadid_logs.autopilots":  # which imports its folders by their names
             left += [f"{name}.{folder.name}" for folder in path.parent.iterdir()]
+        elif name.startswith("quadid_logs.autopilots.") and path.name == "__init__.py":  # by `entry`
+            left += [f"{name}.{module.stem}" for module in path.parent.glob("*.py")]
     return found
 
 

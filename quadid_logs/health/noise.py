@@ -22,7 +22,7 @@ from quadid_logs.vocabulary import AXES
 #: Without set-points a line below this may be a command: there autopilots' filters of set-points end, by
 #: default (docs/health.md) [Hz].
 COMMANDED_HZ: Final = 20.0
-#: Rotors are expected to shake here: the default centre of ArduPilot's notch, INS_HNTCH_FREQ [Hz].
+#: Rotors are expected to shake here: the default centre of a firmware's notch (docs/health.md) [Hz].
 _ROTOR_HZ: Final = 80.0
 #: With set-points, slower motion than this is that of the angle and position loops [Hz].
 LOWEST_HZ: Final = 1.5

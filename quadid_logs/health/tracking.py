@@ -7,7 +7,6 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from quadid_logs.align.series import GAP_PERIODS, CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray, runs
@@ -21,8 +20,8 @@ from quadid_logs.vocabulary import AXES
 #: Roll or pitch further than this from its set-point for longer than that: a published analyzer of logs
 #: warns, and at the second angle fails (source: docs/health.md) [rad, s].
 _WARN_RAD, _FAIL_RAD, _LASTS_S = (*np.radians((5.0, 10.0)), 0.25)
-#: Who follows late follows: three time constants of an attitude loop (5 % of a step are left then) at
-#: ArduPilot's default ATC_ANG_RLL_P of 4.5 1/s; PX4's MC_ROLL_P is 6.5 1/s [s].
+#: Who follows late follows: three time constants of an attitude loop (5 % of a step are left then) at the
+#: lowest angle gain of firmwares' defaults, 4.5 1/s (docs/health.md) [s].
 _LATE_S: Final = 3.0 / 4.5
 #: Roll and pitch are judged; the nose may lag far behind a turn that was commanded at once.
 _TILTING: Final = 2
@@ -90,6 +89,8 @@ class _Judgement(NamedTuple):
 
 def _not_asked(time_s: FloatArray, asked: FloatArray, flown: FloatArray) -> FloatArray:
     """Return how far each angle is from all that was asked in the last moments, both unwrapped."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
     n_rows = 1 + int(np.ceil(_LATE_S / float(np.median(np.diff(time_s)))))
     origin = (n_rows - 1) // 2
     low = minimum_filter1d(asked, n_rows, mode="nearest", origin=origin)

@@ -252,7 +252,7 @@ def test_looking_whether_a_place_can_be_written_leaves_nothing(pipeline: FakePip
 
 def test_a_wrong_option_names_the_help_of_its_own_verb(capsys: pytest.CaptureFixture[str]) -> None:
     """The general help does not list it."""
-    assert main(["plan", "--axes", "roll"]) == 2
+    assert main(["plan", "--axles", "roll"]) == 2
     assert "See `quadid-log plan --help`." in one_clear_line(capsys.readouterr().err)
 
 
