@@ -23,6 +23,8 @@ _LEVEL_01 = 3.090232
 _BLOCK_S = 4.0
 #: By how much tilt and rates of two flights in disturbed air may misplace one beside the other [s].
 _SEARCH_S = 0.3
+#: Of the first comparison of all flights with all others, which is refined: frames turn at some hertz [s].
+_COARSE_S = 0.05
 #: Of the shorter flight: less than half of it beside the other one is no repeat of a trajectory.
 _LEAST_OVERLAP = 0.5
 #: Motion beyond so many standard deviations (a landing, a crash) counts as much as that, and no more.
@@ -32,6 +34,8 @@ _CRASHED = 10.0
 _CRASH_S = 1.0
 #: Rates of one flight that was logged twice are the same but for resampling; the air of two flights is not.
 _SAME_FLIGHT = 0.99
+#: Of the time from its first sample to its last: a log with longer pauses holds several flights.
+_LEAST_FLOWN = 0.5
 _ITERATIONS = 3
 _AXES: Final = 3
 
@@ -66,14 +70,23 @@ def with_common_commands(flights: Sequence[FlightData]) -> list[FlightData]:
     segments = [segment for flight in flights for segment in flight.segments]
     if any(each.command is not None or each.attitude_rad is None for each in segments):
         return found
-    left = {place: _flown(flight) for place, flight in enumerate(flights) if flight.segments}
     period_s = next((flight.sample_period_s for flight in flights if flight.segments), 1.0)
+    left = {place: _flown(flight) for place, flight in enumerate(flights) if _is_one_flight(flight)}
     while len(left) > 1 and (starts := _starts(left, period_s)):
         for place, start in starts.items():
             others, first = _mean_of_others(left, starts, place)
             found[place] = _with_command(flights[place], others, start - first)
         left = {place: flown for place, flown in left.items() if place not in starts}
     return found
+
+
+def _is_one_flight(flight: FlightData) -> bool:
+    """Say whether it lasts for two blocks, most of which are flown."""
+    if not flight.segments:
+        return False
+    lasts_s = flight.segments[-1].end_s - flight.segments[0].start_s
+    flown_s = sum(each.n_samples for each in flight.segments) * flight.sample_period_s
+    return bool(flown_s >= max(2.0 * _BLOCK_S, _LEAST_FLOWN * lasts_s))
 
 
 def _flown(flight: FlightData) -> _Flown:
@@ -111,7 +124,7 @@ def _starts(flown: Mapping[int, _Flown], period_s: float) -> dict[int, int]:
 
     Empty where no two do.
     """
-    starts = _beside_typical(flown)
+    starts = _beside_typical(flown, period_s)
     while len(starts) > 1:
         for _ in range(_ITERATIONS):
             starts = {place: _beside_others(flown, starts, place, period_s) for place in starts}
@@ -122,11 +135,22 @@ def _starts(flown: Mapping[int, _Flown], period_s: float) -> dict[int, int]:
     return {}
 
 
-def _beside_typical(flown: Mapping[int, _Flown]) -> dict[int, int]:
-    """Return where each flight begins beside the one that correlates most with all the others."""
-    beside = {one: {other: _placed(flown[one], flown[other]) for other in flown} for one in flown}
+def _beside_typical(flown: Mapping[int, _Flown], period_s: float) -> dict[int, int]:
+    """Return where each flight begins beside the one that correlates most with all the others, roughly."""
+    step = max(round(_COARSE_S / period_s), 1)
+    coarse = {place: _slower(each, step) for place, each in flown.items()}
+    beside = {one: {other: _placed(coarse[one], coarse[other]) for other in coarse} for one in coarse}
     typical = max(beside, key=lambda one: sum(correlation for _, correlation in beside[one].values()))
-    return {place: shift for place, (shift, _) in beside[typical].items()}
+    return {place: step * shift for place, (shift, _) in beside[typical].items()}
+
+
+def _slower(flown: _Flown, step: int) -> _Flown:
+    """Return the means over each so many samples."""
+    n = flown.known.size // step * step
+    motion, torque = (
+        each[:n].reshape(-1, step, each.shape[1]).mean(axis=1) for each in (flown.motion, flown.torque)
+    )
+    return _Flown(motion, torque, np.asarray(flown.known[:n].reshape(-1, step).all(axis=1), dtype=np.bool_))
 
 
 def _beside_others(
@@ -147,10 +171,9 @@ def _placed(one: _Flown, other: _Flown, between: tuple[int, int] | None = None) 
     size = _sums_of_products(one.motion**2, of_other) * _sums_of_products(of_one, other.motion**2)
     shifts = np.concatenate([np.arange(1 - len(of_other), 0), np.arange(len(of_one))])
     overlap = np.minimum(len(of_one), shifts + len(of_other)) - np.maximum(shifts, 0)
-    tried = overlap >= _LEAST_OVERLAP * min(len(of_one), len(of_other))
-    if between is not None:
-        tried &= (shifts >= between[0]) & (shifts <= between[1])
-    shifts = shifts[tried]
+    enough = overlap >= _LEAST_OVERLAP * min(len(of_one), len(of_other))
+    near = enough if between is None else (shifts >= between[0]) & (shifts <= between[1])
+    shifts = shifts[near]
     # Where both are at rest there is nothing to divide by but rounding.
     correlation = both[shifts] / np.sqrt(np.maximum(size[shifts], 1e-6 * float(size.max()) + 1e-300))
     best = int(np.argmax(correlation))

@@ -141,6 +141,35 @@ def test_logs_without_attitude_stay_as_they_are() -> None:
     assert commands(flights) == [None] * 3
 
 
+@pytest.mark.parametrize("seconds", [0.02, 3.0, 9.0])
+def test_a_short_flight_beside_others_costs_them_nothing(seconds: float) -> None:
+    """Too short to be told from others, or a fifth of the trajectory."""
+    flights = [flown(seed) for seed in range(4)]
+    segment = flights[1].segments[0]
+    flights[1] = replace(flights[1], segments=(segment.rows(slice(0, round(seconds / PERIOD_S))),))
+    found = commands(flights)
+    assert all(found[number] is not None for number in (0, 2, 3))
+
+
+def test_a_flight_beside_the_end_of_the_others_alone_is_laid_there() -> None:
+    """It overlaps them by half of a short one."""
+    flights = [flown(seed) for seed in range(3)]
+    segment = flights[0].segments[0]
+    flights[0] = replace(flights[0], segments=(segment.rows(slice(2500, 4000)),))
+    assert all(each is not None for each in commands(flights))
+
+
+def test_a_log_of_two_flights_an_hour_apart_stays_as_it_is() -> None:
+    """No memory is taken for the hour."""
+    flights = [flown(seed) for seed in range(3)]
+    segment = flights[0].segments[0]
+    later = replace(segment, time_s=segment.time_s + 1e9)
+    flights[0] = replace(flights[0], segments=(segment, later))
+    found = commands(flights)
+    assert found[0] is None
+    assert all(each is not None for each in found[1:])
+
+
 def test_a_crash_ends_what_was_commanded() -> None:
     """From 30 s on one of them tumbles."""
     flights = [flown(seed) for seed in range(3)]
