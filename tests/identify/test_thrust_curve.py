@@ -66,6 +66,13 @@ def test_the_propellers_expo_is_found_and_lies_in_its_interval() -> None:
     assert known.ci95[0] <= PROPELLERS <= known.ci95[1]
 
 
+def test_it_is_found_in_rough_air_as_well() -> None:
+    """Squares of thrust follow from no set-point linearly, and air makes none."""
+    rough = curve(found("rough-air"))
+    assert rough.identifiable
+    assert rough.ci95[0] <= PROPELLERS <= rough.ci95[1]
+
+
 @pytest.mark.thorough
 def test_a_firmware_with_another_name_for_it_is_told_its_own() -> None:
     """THR_MDL_FAC; the logs are rebuilt along another path."""
