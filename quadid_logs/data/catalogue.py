@@ -630,8 +630,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "response to commands still gives effectiveness, damping and lag: from spectra of short "
                 "segments, each frequency weighted by how little of it is gust. Dead zones, limits and "
                 "other effects are taken out where the flight shows them. Where the flight leaves them "
-                "open, the interval covers them. Where several pooled flights repeat one trajectory, what "
-                "they have in common counts as the command.",
+                "open, the interval covers them. Where several pooled flights repeat one trajectory, and "
+                "their logs hold a velocity, what they have in common counts as the command.",
                 "Fly in calmer air, or make larger and quicker manoeuvres, for a narrower interval.",
                 step="fly",
             ),

@@ -42,6 +42,7 @@ def flown(seed: int, *, trajectory: int = 1, late_s: float = 0.0, air: float = 0
         attitude_rad=lag(rate, PERIOD_S, 1.0),
         throttle=None,
         saturated=np.zeros(n, dtype=np.bool_),
+        velocity_m_s=np.zeros((n, 3)),
     )
     return FlightData(
         sample_period_s=PERIOD_S,
@@ -132,11 +133,11 @@ def test_logs_that_tell_what_was_commanded_stay_as_they_are() -> None:
     assert found[1:] == [None, None]
 
 
-def test_logs_without_attitude_stay_as_they_are() -> None:
-    """Nothing says where on the trajectory a vehicle is."""
+def test_logs_without_velocity_stay_as_they_are() -> None:
+    """The moments of the speed are the same in each flight, and would be taken for the torque's."""
     flights = [flown(seed) for seed in range(3)]
     flights[1] = replace(
-        flights[1], segments=tuple(replace(each, attitude_rad=None) for each in flights[1].segments)
+        flights[1], segments=tuple(replace(each, velocity_m_s=None) for each in flights[1].segments)
     )
     assert commands(flights) == [None] * 3
 
