@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,11 +18,10 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
 from quadid_logs.data.flight import FlightData
 from quadid_logs.maths.normal import MEDIAN_DEVIATION
+from quadid_logs.maths.spectra import WINDOW_S
 
 #: One-sided 0.1 % of a normal distribution: chance that a flight of another trajectory is taken for this one.
 _LEVEL_01 = 3.090232
-#: In which rates forget what they were: a turn and its counter-turn last for a second or two [s].
-_BLOCK_S = 4.0
 #: By how much tilt and rates of two flights in disturbed air may misplace one beside the other [s].
 _SEARCH_S = 0.3
 #: Of the first comparison of all flights with all others, which is refined: frames turn at some hertz [s].
@@ -87,7 +87,7 @@ def _is_one_flight(flight: FlightData) -> bool:
         return False
     lasts_s = flight.segments[-1].end_s - flight.segments[0].start_s
     flown_s = sum(each.n_samples for each in flight.segments) * flight.sample_period_s
-    return bool(flown_s >= max(2.0 * _BLOCK_S, _LEAST_FLOWN * lasts_s))
+    return bool(flown_s >= max(2.0 * WINDOW_S, _LEAST_FLOWN * lasts_s))
 
 
 def _flown(flight: FlightData) -> _Flown:
@@ -140,9 +140,13 @@ def _beside_typical(flown: Mapping[int, _Flown], period_s: float) -> dict[int, i
     """Return where each flight begins beside the one that correlates most with all the others, roughly."""
     step = max(round(_COARSE_S / period_s), 1)
     coarse = {place: _slower(each, step) for place, each in flown.items()}
-    beside = {one: {other: _placed(coarse[one], coarse[other]) for other in coarse} for one in coarse}
-    typical = max(beside, key=lambda one: sum(correlation for _, correlation in beside[one].values()))
-    return {place: step * shift for place, (shift, _) in beside[typical].items()}
+    alike, shifts = dict.fromkeys(coarse, 0.0), {place: {place: 0} for place in coarse}
+    for one, other in combinations(coarse, 2):
+        shift, correlation = _placed(coarse[one], coarse[other])
+        shifts[one][other], shifts[other][one] = shift, -shift
+        alike[one] += correlation
+        alike[other] += correlation
+    return {place: step * shift for place, shift in shifts[max(alike, key=alike.__getitem__)].items()}
 
 
 def _slower(flown: _Flown, step: int) -> _Flown:
@@ -210,10 +214,8 @@ def _is_alike(flown: Mapping[int, _Flown], starts: Mapping[int, int], place: int
     others, first = _mean_of_others(flown, starts, place)
     at = starts[place] - first
     rates = [each.motion[:, :_AXES] for each in (others, flown[place])]
-    n_rows = round(_BLOCK_S / period_s)
+    n_rows = round(WINDOW_S / period_s)
     n_blocks = flown[place].known.size // n_rows
-    if n_blocks < 2:
-        return False
     a, b = (
         each[begin : begin + n_blocks * n_rows].reshape(n_blocks, n_rows, _AXES)
         for each, begin in zip(rates, (at, 0), strict=True)

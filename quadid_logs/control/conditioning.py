@@ -15,7 +15,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.control.frequency_response import TOLERANCE, Response
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.maths.band import ComplexArray
-from quadid_logs.maths.even_draws import Drawn, even_normal
+from quadid_logs.maths.even_draws import Drawn, even_normal, symmetric_root
 
 #: Half a third octave: a band whose middle is this far above the fitted ones shares no line with them.
 _HALF_BAND: Final = 2.0 ** (1.0 / 6.0)
@@ -23,8 +23,6 @@ _HALF_BAND: Final = 2.0 ** (1.0 / 6.0)
 _ALIKE_OCTAVES: Final = 1.0
 #: `TOLERANCE` weighs as much as this many bands, an octave, that were seen to scatter by it.
 _BANDS_ASSUMED: Final = 3
-#: A delay that is free, and the errors of effectiveness, damping, lag, delay and reaction.
-_N_DRAWN: Final = 6
 #: Every analysis of a log moves its draws alike.
 _SEED = 2
 
@@ -86,8 +84,8 @@ def conditioned(
 
 def _moved(plants: Plant, measured: _Measured, hold_s: float, tolerance: float, slack_s: float) -> Plant:
     """Return the plants after one update, with a delay that is free by so much more."""
-    random = np.zeros((plants.delay_s.size, _N_DRAWN))
-    random[1:] = even_normal(Drawn.MEASURED, len(random) - 1, _SEED)
+    # A delay that is free, and the errors of effectiveness, damping, lag, delay and reaction.
+    random = np.pad(even_normal(Drawn.MEASURED, plants.delay_s.size - 1, _SEED), ((1, 0), (0, 0)))
     free = plants._replace(delay_s=plants.delay_s + slack_s * random[:, 0])
     numbers = np.column_stack(
         [np.log(free.effectiveness), free.damping, free.lag_s, free.delay_s, free.reaction]
@@ -102,7 +100,7 @@ def _moved(plants: Plant, measured: _Measured, hold_s: float, tolerance: float, 
     together = seen_spread.T @ seen_spread / (len(spread) - 1) + noise
     gain = np.linalg.solve(together, seen_spread.T @ spread / (len(spread) - 1))
     # What random errors of the measurement make of the numbers: of that covariance, whatever the bands are.
-    drawn = random[:, 1:] @ _root(gain.T @ noise @ gain)
+    drawn = random[:, 1:] @ symmetric_root(gain.T @ noise @ gain)
     # Plants of logarithms of effectiveness, dampings, lags, delays, reactions; no time below none.
     logarithm, damping, lag_s, delay_s, reaction = (numbers + (measured.value - seen) @ gain + drawn).T
     effectiveness = np.exp(logarithm)
@@ -110,14 +108,6 @@ def _moved(plants: Plant, measured: _Measured, hold_s: float, tolerance: float, 
     total_s = np.maximum(lag_s + delay_s, 0.0)
     lag_s = np.clip(lag_s, 0.0, total_s)
     return Plant(effectiveness, damping, lag_s, total_s - lag_s, reaction / effectiveness)
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    """Return the symmetric root of a covariance whose numbers may be of very different sizes."""
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    scale = np.where(deviation > 0.0, deviation, 1.0)
-    variance, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
-    return np.asarray((axes * np.sqrt(np.maximum(variance, 0.0))) @ axes.T * scale, dtype=np.float64)
 
 
 def _relative(plants: Plant, reference: Plant, measured: _Measured, hold_s: float) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.model import Posterior
-from quadid_logs.maths.even_draws import Drawn, even_normal, even_uniform
+from quadid_logs.maths.even_draws import Drawn, even_normal, even_uniform, symmetric_root
 
 #: The 2.5 % quantile of a margin over so many draws is itself known to a twelfth of a standard deviation (of
 #: so many random ones, to an eighth).
@@ -50,12 +50,8 @@ def draw(
     mean, covariance = posterior.mean[axis], posterior.covariance[axis]
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all() and mean[0] > 0.0):
         return None
-    # Products of the standard deviations, so that numbers of one size are factored; one for none.
-    deviation = np.sqrt(np.diag(covariance))
-    deviation = np.where(deviation > 0.0, deviation, 1.0)
-    variance, axes = np.linalg.eigh(covariance / np.outer(deviation, deviation))
-    root = (axes * np.sqrt(np.maximum(variance, 0.0))) @ axes.T
-    drawn = mean + (even_normal(Drawn.NUMBERS, n_draws, seed) @ root) * np.sqrt(np.diag(covariance))
+    root = symmetric_root(covariance)
+    drawn = mean + (even_normal(Drawn.NUMBERS, n_draws, seed) @ root)
     if posterior.only_brakes[axis]:
         drives = np.maximum(drawn[:, 1], 0.0)
         drawn -= 2.0 * drives[:, np.newaxis] * covariance[1] / covariance[1, 1]

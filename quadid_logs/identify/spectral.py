@@ -188,7 +188,7 @@ def solve_flight(data: FlightData) -> SpectralSolution | None:
         spectra,
         data.gyro_filter,
         planned=is_planned(data),
-        repeated=is_repeated(data),
+        repeated=any(segment.repeated for segment in data.segments),
         with_speed=has_speed(data),
         moved=moved,
         n_laws=_laws(data).size,
@@ -288,7 +288,7 @@ def solve_spectra(
             told[:, :, axis.number] *= _weights(axis, actuator)
             axis.told = told[:, :, axis.number]
         fits, actuator = fit_axes(moments)
-        fits = tuple(replace(fit, repeated=True) for fit in fits)
+        fits = tuple(replace(fit, repeated=fit.planned) for fit in fits)
     return SpectralSolution(fits, moments, actuator, told, spectra, planned)
 
 
@@ -332,20 +332,6 @@ def is_planned(data: FlightData) -> bool:
     """
     told = [segment.planned for segment in data.segments if segment.command is not None]
     return bool(told) and all(told)
-
-
-def is_repeated(data: FlightData) -> bool:
-    """Say whether flights that repeat one trajectory tell what was commanded.
-
-    Parameters
-    ----------
-    data : FlightData
-
-    Returns
-    -------
-    bool
-    """
-    return any(segment.repeated for segment in data.segments)
 
 
 def has_speed(data: FlightData) -> bool:

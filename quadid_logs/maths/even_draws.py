@@ -1,4 +1,7 @@
-"""Drawn numbers that fill their space evenly: quantiles over some hundred hardly depend on the draw."""
+"""Drawn numbers that fill their space evenly: quantiles over some hundred hardly depend on the draw.
+
+`scipy.stats.qmc` draws such numbers, too, and takes longer to import than a slow log to analyze.
+"""
 
 from __future__ import annotations
 
@@ -96,6 +99,26 @@ def even_normal(what: Drawn, n: int, seed: int = 0) -> FloatArray:
     from scipy.special import ndtri
 
     return np.asarray(ndtri(even_uniform(what, n, seed)), dtype=np.float64)
+
+
+def symmetric_root(covariance: FloatArray) -> FloatArray:
+    """Return the symmetric root of a covariance, along which covariances that are almost alike draw alike.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (n, n)
+        Of numbers that may be of very different sizes.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        Standard normal rows times it have the covariance.
+    """
+    # Of numbers of one size; one for none.
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(deviation > 0.0, deviation, 1.0)
+    variance, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray((axes * np.sqrt(np.maximum(variance, 0.0))) @ axes.T * scale, dtype=np.float64)
 
 
 def _column(dimension: int, n: int, seed: int) -> FloatArray:
