@@ -45,6 +45,8 @@ _ENOUGH: Final = (
 
 #: A vehicle that is at its limits in more of the samples needs less from its pilot, not other gains (QL617).
 MOST_SATURATED: Final = 0.10
+#: Stands in advice for the motor that a finding is about; a list of steps puts its name there.
+THIS_MOTOR: Final = "this motor"
 
 #: What makes an axis uncertain and its interval wide, and does not say that anything contradicts it.
 CAVEATS: Final = frozenset(
@@ -315,8 +317,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "In steady flight one motor gets a higher command than the others, and both the position "
                 "and the spin of this motor fit the difference. A weak motor, a damaged propeller or a "
                 "wrong one explains it.",
-                "Look at the propeller and the bearings of this motor, and compare its speed with the others "
-                "at the same command on the bench. Calibrate the ESCs.",
+                f"Look at the propeller and the bearings of {THIS_MOTOR}, and compare its speed with the "
+                "others at the same command on the bench. Calibrate the ESCs.",
                 scope="vehicle",
             ),
             _entry(
@@ -325,7 +327,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "From one moment on, one motor got a higher command than before, and both the position "
                 "and the spin of this motor fit the difference. Load and wind do not turn the vehicle "
                 "like that.",
-                "Do not fly before you have looked at this motor, its propeller and its ESC: feel whether "
+                f"Do not fly before you have looked at {THIS_MOTOR}, its propeller and its ESC: feel whether "
                 "they are hot, and turn the motor by hand.",
                 scope="vehicle",
             ),
@@ -333,7 +335,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL432",
                 "A propeller is out of balance",
                 "The gyro vibrates at the speed of one rotor more than at the speeds of all others together.",
-                "Replace or balance the propeller of this motor, then look at the motor's shaft and mount.",
+                f"Replace or balance the propeller of {THIS_MOTOR}, then look at the motor's shaft and "
+                "mount.",
                 scope="vehicle",
             ),
             _entry(
@@ -341,8 +344,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "A motor lost its thrust for a moment",
                 "For about a tenth of a second the vehicle turned as if half of one rotor's thrust or more "
                 "were missing. That is how a desync of an ESC looks.",
-                "Look at the wires, solder joints and ESC of this motor. If they are sound, raise the ESC's "
-                "timing or start-up power, and its demag compensation.",
+                f"Look at the wires, solder joints and ESC of {THIS_MOTOR}. If they are sound, raise the "
+                "ESC's timing or start-up power, and its demag compensation.",
                 scope="vehicle",
             ),
             _entry(

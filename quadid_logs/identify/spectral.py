@@ -634,7 +634,7 @@ class AxisMoments:
 
     def _whitening(self, variances: FloatArray, moments_hz: float) -> _Whitening:
         """Return the whitening for each of some variances."""
-        size, held = self.size, self.size * (moments_hz / self.centre_hz) ** 2
+        size, held = self.size, self.size * self._held(moments_hz)
         covariance = np.diag(0.5 * self.variance_of_noise())
         departure = variances[:, np.newaxis, np.newaxis] * np.outer(size, size) + np.outer(held, held)
         covariance = covariance + departure * self.alike
@@ -663,22 +663,22 @@ class AxisMoments:
         whites = (np.concatenate([each.real, each.imag]) for each in (one @ turned for one in matrices))
         return np.array([-0.5 * float(white @ white) for white in whites]) - log_size
 
-    def _held(self) -> FloatArray:
+    def _held(self, moments_hz: float) -> FloatArray:
         """Return moments of tilt and speed over the torque's; shape (n_bands,)."""
-        return np.asarray((self.moments_hz / self.centre_hz) ** 2)
+        return np.asarray((moments_hz / self.centre_hz) ** 2)
 
     def departure_beyond(self, least: float) -> FloatArray:
         """Return the relative covariance of departures beyond a least variance, were all bands alike."""
-        held = self._held()
+        held = self._held(self.moments_hz)
         return np.asarray(max(self.variance - least, 0.0) + np.outer(held, held))
 
     def variance_beside_torque(self) -> FloatArray:
         """Return the variance of each complex moment by noise, tilt and speed; shape (n_bands,)."""
-        return np.asarray(self.variance_of_noise() + 2.0 * (self.size * self._held()) ** 2)
+        return np.asarray(self.variance_of_noise() + 2.0 * (self.size * self._held(self.moments_hz)) ** 2)
 
     def variance_of_departure(self) -> FloatArray:
         """Return the relative variance of what the equation does not describe; shape (n_bands,)."""
-        return np.asarray(self.variance + self._held() ** 2)
+        return np.asarray(self.variance + self._held(self.moments_hz) ** 2)
 
     def white(self, moments: ComplexArray) -> FloatArray:
         """Return moments in standard deviations, real parts along and imaginary ones across the model's."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from quadid_logs.data.catalogue import CATALOGUE
+from quadid_logs.data.catalogue import CATALOGUE, THIS_MOTOR
 from quadid_logs.data.health import Health
 from quadid_logs.data.result import Result
 from quadid_logs.diagnose.advice import next_steps as ordered_steps
@@ -53,12 +53,12 @@ def _to_be_mended(result: Result) -> Iterator[str]:
 
 
 def _with_its_name(code: str, health: Health) -> str:
-    """Return the advice of a finding; in a list of steps "this motor" has a name."""
+    """Return the advice of a finding; in a list of steps `THIS_MOTOR` has a name."""
     rotors, advice = health.rotors, CATALOGUE[code].advice
     if rotors is None:
         return advice
     faulty = dict.fromkeys(one.rotor for one in rotors.faults if one.code == code and one.rotor >= 0)
-    return advice.replace("this motor", listed([rotors.names[one] for one in faulty]) or "this motor")
+    return advice.replace(THIS_MOTOR, listed([rotors.names[one] for one in faulty]) or THIS_MOTOR)
 
 
 def _with_the_model(result: Result) -> Iterator[str]:
