@@ -200,7 +200,7 @@ def quadid_windows(count: str) -> object:
 
 def quadid_simulate(duration_s: str) -> object:
     """Ours: a closed-loop flight of that length, logged at 400 Hz and written as .bin."""
-    from quadid_logs.simulate import simulate
+    from quadid_logs.simulator import simulate
     from quadid_logs.writers import write_log
 
     flight = simulate("sysid-quad-x", seed=0, duration_s=float(duration_s), rate_hz=400.0)
@@ -211,7 +211,7 @@ def quadid_simulate(duration_s: str) -> object:
 
 def quadid_simulate_many(count: str) -> object:
     """Ours: so many 60 s flights at 400 Hz at once, for a Monte Carlo study."""
-    from quadid_logs.simulate import find_scenario, fly_many, plan_flights
+    from quadid_logs.simulator import find_scenario, fly_many, plan_flights
 
     scenario = find_scenario("sysid-quad-x")
     setups = [

@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.fleet_cluster import LoopbackCluster, s3_server  # noqa: E402
 from benchmarks.fleet_logs import Worn, spoil, vehicles, write_fleet  # noqa: E402
 from benchmarks.fleet_rows import n_logs_of, rows_of  # noqa: E402
-from quadid_logs.fleet.store import DATABASE  # noqa: E402
+from quadid_logs.fleets.store import DATABASE  # noqa: E402
 
 #: By the number of the vehicle: the propeller that wears, and from which flight on.
 WORN = {
@@ -185,10 +185,10 @@ def _plain_rate(logs: Path, n_processes: int) -> _Rate:
 
 def _analyze_slice(paths: list[str]) -> _Rate:
     """Analyze logs one after the other; the first does not count, for it loads the libraries."""
-    from quadid_logs.fleet.log_files import find_logs
-    from quadid_logs.fleet.options import Options
-    from quadid_logs.fleet.tasks import Task
-    from quadid_logs.fleet.work import work
+    from quadid_logs.fleets.log_files import find_logs
+    from quadid_logs.fleets.options import Options
+    from quadid_logs.fleets.tasks import Task
+    from quadid_logs.fleets.work import work
 
     tasks = [Task(file=file, options=Options()) for file in find_logs(paths)]
     work(tasks[0])
@@ -200,10 +200,10 @@ def _analyze_slice(paths: list[str]) -> _Rate:
 
 def _run_alone(logs: Path, store: Path, n_workers: int) -> tuple[float, float]:
     """Run over a local cluster in this process; return wall clock [s] and logs per second once it works."""
-    from quadid_logs.fleet.engine import Cluster
-    from quadid_logs.fleet.log_files import find_logs
-    from quadid_logs.fleet.options import Options
-    from quadid_logs.fleet.run import run_fleet
+    from quadid_logs.fleets.engine import Cluster
+    from quadid_logs.fleets.log_files import find_logs
+    from quadid_logs.fleets.options import Options
+    from quadid_logs.fleets.run import run_fleet
 
     shutil.rmtree(store, ignore_errors=True)
     began = time.perf_counter()
@@ -217,7 +217,7 @@ def _run_alone(logs: Path, store: Path, n_workers: int) -> tuple[float, float]:
 
 def _found(store: Path) -> dict[int, list[int]]:
     """Return the change points by the number of the vehicle."""
-    from quadid_logs.fleet.history import read_fleet
+    from quadid_logs.fleets.history import read_fleet
 
     return {
         int(history.vehicle[-8:], 16) - 0x34383700: [change.flight for change in history.changes]

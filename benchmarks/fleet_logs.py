@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from quadid_logs.data.log import FlightLog, LogText
-from quadid_logs.simulate import find_scenario, fly, plan_flights
-from quadid_logs.simulate.airframes import SimulatedAirframe
-from quadid_logs.simulate.closed_loop import Setup
-from quadid_logs.simulate.logger import Logging, log_flights
-from quadid_logs.simulate.wind import Wind
+from quadid_logs.simulator import find_scenario, fly, plan_flights
+from quadid_logs.simulator.airframes import SimulatedAirframe
+from quadid_logs.simulator.closed_loop import Setup
+from quadid_logs.simulator.logger import Logging, log_flights
+from quadid_logs.simulator.wind import Wind
 from quadid_logs.writers import write_log
 
 #: Flown in turn: what a flight identifies must not depend on its manoeuvre.

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from quadid_logs.errors import SettingsError
-from quadid_logs.fleet.rows import COLUMNS, RUN_COLUMNS
-from quadid_logs.fleet.store import read_rows
+from quadid_logs.fleets.rows import COLUMNS, RUN_COLUMNS
+from quadid_logs.fleets.store import read_rows
 
 
 def n_logs_of(store: Path) -> int:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from quadid_logs.data.log import FlightLog, Rows, Signal
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.writers import write_log
 
 HERE = Path(__file__).resolve().parent

@@ -64,7 +64,7 @@ for _ in range(20):
 _FLEET = """
 import pathlib, sys
 from quadid_logs.data.settings import Settings
-from quadid_logs.fleet.per_flight import analyze_flights
+from quadid_logs.fleets.per_flight import analyze_flights
 tuple(analyze_flights(pathlib.Path(sys.argv[1]), Settings(), None, "verdict", published=False))
 """
 #: Readers that are measured only where they can be imported.

@@ -9,7 +9,7 @@ import dataclasses
 import sys
 import time
 
-from quadid_logs.simulate import SCENARIOS, fly_many, plan_flights, simulate
+from quadid_logs.simulator import SCENARIOS, fly_many, plan_flights, simulate
 
 
 def main() -> None:

@@ -45,7 +45,7 @@ from quadid_logs.errors import QuadidError  # noqa: E402
 from quadid_logs.load import load  # noqa: E402
 from quadid_logs.pipeline import analyze  # noqa: E402
 from quadid_logs.report import json_text, write_report  # noqa: E402
-from quadid_logs.simulate import simulate  # noqa: E402
+from quadid_logs.simulator import simulate  # noqa: E402
 from quadid_logs.writers import write_log  # noqa: E402
 
 #: Below this processor time [s] noise rules, not the input; by depth.

@@ -11,8 +11,8 @@ from quadid_logs.align import cut
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.load import load
 from quadid_logs.report.series_file import write_table
-from quadid_logs.simulate import simulate
-from quadid_logs.simulate.dialects import FIRMWARE, in_dialect
+from quadid_logs.simulator import simulate
+from quadid_logs.simulator.dialects import FIRMWARE, in_dialect
 from quadid_logs.writers import write_log
 
 REPOSITORY = Path(__file__).resolve().parents[1]

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from quadid_logs.api.analysis import Analysis, analyze, analyze_pooled
     from quadid_logs.api.model import FlightPrediction, IdentifiedModel
     from quadid_logs.api.verbs import check, compare, plan, predictor, repeat, tune
+    from quadid_logs.bifilar import Bifilar, swing
     from quadid_logs.data.closed_loop import ClosedLoop
     from quadid_logs.data.flight import FlightData
     from quadid_logs.data.model import Model, Parameter
@@ -26,20 +27,21 @@ if TYPE_CHECKING:
     from quadid_logs.data.tuning import Limits
     from quadid_logs.data.vehicle import Vehicle
     from quadid_logs.errors import QuadidError
-    from quadid_logs.fleet import fleet
+    from quadid_logs.fleets import fleet
     from quadid_logs.identify.structures import TERMS, own_structure
     from quadid_logs.identify.terms import RateTerm
     from quadid_logs.load import read_log
     from quadid_logs.notebook import matplotlib_figures, plotly_figures, show
     from quadid_logs.report import result_dict, write_report
     from quadid_logs.report.schema import result_schema
-    from quadid_logs.simulate import simulate
+    from quadid_logs.simulator import simulate
     from quadid_logs.vehicle_file import read_vehicle
 
 #: The module of each public name.
 _HOMES = {
     "AlignSettings": "quadid_logs.data.settings",
     "Analysis": "quadid_logs.api.analysis",
+    "Bifilar": "quadid_logs.bifilar",
     "ClosedLoop": "quadid_logs.data.closed_loop",
     "FlightData": "quadid_logs.data.flight",
     "FlightPrediction": "quadid_logs.api.model",
@@ -59,6 +61,7 @@ _HOMES = {
     "analyze_pooled": "quadid_logs.api.analysis",
     "check": "quadid_logs.api.verbs",
     "compare": "quadid_logs.api.verbs",
+    "fleet": "quadid_logs.fleets",
     "matplotlib_figures": "quadid_logs.notebook",
     "own_structure": "quadid_logs.identify.structures",
     "plan": "quadid_logs.api.verbs",
@@ -70,16 +73,17 @@ _HOMES = {
     "result_dict": "quadid_logs.report",
     "result_schema": "quadid_logs.report.schema",
     "show": "quadid_logs.notebook",
+    "simulate": "quadid_logs.simulator",
+    "swing": "quadid_logs.bifilar",
     "tune": "quadid_logs.api.verbs",
     "write_report": "quadid_logs.report",
 }
-#: Modules that are called as the function of the same name (`quadid_logs.callable_module`).
-_VERBS = ("fleet", "simulate", "swing")
 
 __all__ = [
     "TERMS",
     "AlignSettings",
     "Analysis",
+    "Bifilar",
     "ClosedLoop",
     "FlightData",
     "FlightPrediction",
@@ -120,8 +124,6 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used (PEP 562): importing the package stays quick."""
-    if name in _VERBS:
-        return importlib.import_module(f"quadid_logs.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name]), name)

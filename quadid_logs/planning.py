@@ -31,14 +31,14 @@ from quadid_logs.identify import identify
 from quadid_logs.load import prepare
 from quadid_logs.maths.band import gaussian_response
 from quadid_logs.maths.multisine import orthogonal
-from quadid_logs.simulate import Scenario, fly, plan_flights
-from quadid_logs.simulate.airframes import SimulatedAirframe, hexa_x, octa_coaxial, quad_x, scaled
-from quadid_logs.simulate.closed_loop import Setup
-from quadid_logs.simulate.effects import disturbance_density
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.manoeuvres import Reference, doublets
-from quadid_logs.simulate.sweep import Sweep, sweeps_in_turn
-from quadid_logs.simulate.true_loop import nominal_plant, true_controller
+from quadid_logs.simulator import Scenario, fly, plan_flights
+from quadid_logs.simulator.airframes import SimulatedAirframe, hexa_x, octa_coaxial, quad_x, scaled
+from quadid_logs.simulator.closed_loop import Setup
+from quadid_logs.simulator.effects import disturbance_density
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.manoeuvres import Reference, doublets
+from quadid_logs.simulator.sweep import Sweep, sweeps_in_turn
+from quadid_logs.simulator.true_loop import nominal_plant, true_controller
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from quadid_logs.cli.simulate import write_simulation
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 
 FOLDER = Path(__file__).resolve().parent
 

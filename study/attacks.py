@@ -32,12 +32,12 @@ from quadid_logs.health import faults_of  # noqa: E402
 from quadid_logs.identify import identify  # noqa: E402
 from quadid_logs.identify.two_vehicles import with_lost_thrust  # noqa: E402
 from quadid_logs.load import prepare  # noqa: E402
-from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights  # noqa: E402
-from quadid_logs.simulate.airframes import hexa_x, quad_x, scaled  # noqa: E402
-from quadid_logs.simulate.closed_loop import Setup, Tuning  # noqa: E402
-from quadid_logs.simulate.effects import Effects  # noqa: E402
-from quadid_logs.simulate.logger import Logging, log_flights  # noqa: E402
-from quadid_logs.simulate.truth import flight_truth  # noqa: E402
+from quadid_logs.simulator import Scenario, fly, manoeuvres, plan_flights  # noqa: E402
+from quadid_logs.simulator.airframes import hexa_x, quad_x, scaled  # noqa: E402
+from quadid_logs.simulator.closed_loop import Setup, Tuning  # noqa: E402
+from quadid_logs.simulator.effects import Effects  # noqa: E402
+from quadid_logs.simulator.logger import Logging, log_flights  # noqa: E402
+from quadid_logs.simulator.truth import flight_truth  # noqa: E402
 from quadid_logs.vocabulary import AXES, ON_AXIS  # noqa: E402
 from study.measure import per_command  # noqa: E402
 from study.structural import FLOWN_DISTURBANCE_RAD_S2, log_uniform  # noqa: E402

@@ -16,12 +16,12 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rotations import quaternion_from_euler, rotation_matrix
-from quadid_logs.simulate import Scenario, manoeuvres
-from quadid_logs.simulate.airframes import Battery, SimulatedAirframe, layout
-from quadid_logs.simulate.closed_loop import Noise, torque_gain
-from quadid_logs.simulate.logger import Logging
-from quadid_logs.simulate.manoeuvres import Reference
-from quadid_logs.simulate.wind import Wind
+from quadid_logs.simulator import Scenario, manoeuvres
+from quadid_logs.simulator.airframes import Battery, SimulatedAirframe, layout
+from quadid_logs.simulator.closed_loop import Noise, torque_gain
+from quadid_logs.simulator.logger import Logging
+from quadid_logs.simulator.manoeuvres import Reference
+from quadid_logs.simulator.wind import Wind
 from quadid_logs.vocabulary import GRAVITY_M_S2
 from study.structural import draw_structural, log_uniform
 

@@ -22,12 +22,12 @@ from quadid_logs.align import cut
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.health import health_of
 from quadid_logs.load import prepare
-from quadid_logs.simulate import fly, plan_flights
-from quadid_logs.simulate.effects import Effects
-from quadid_logs.simulate.logger import Logging, log_flights
-from quadid_logs.simulate.scenarios import SCENARIOS
-from quadid_logs.simulate.vendors import motor_order
-from quadid_logs.simulate.wind import Wind
+from quadid_logs.simulator import fly, plan_flights
+from quadid_logs.simulator.effects import Effects
+from quadid_logs.simulator.logger import Logging, log_flights
+from quadid_logs.simulator.scenarios import SCENARIOS
+from quadid_logs.simulator.vendors import motor_order
+from quadid_logs.simulator.wind import Wind
 
 AUTOPILOTS = ("ardupilot", "px4", "betaflight")
 ROUGH = (1.3, 1.3, 0.43)

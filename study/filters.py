@@ -25,14 +25,14 @@ from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES
 from quadid_logs.control.loop import close
 from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
 from quadid_logs.data.tuning import GOOD
-from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights
-from quadid_logs.simulate.closed_loop import Noise, Setup, final_gains
-from quadid_logs.simulate.closed_loop import Tuning as Gains
-from quadid_logs.simulate.control import TrackingNotch
-from quadid_logs.simulate.effects import disturbance_density
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.true_loop import true_controller, true_plant
-from quadid_logs.simulate.wind import Wind
+from quadid_logs.simulator import Scenario, fly, manoeuvres, plan_flights
+from quadid_logs.simulator.closed_loop import Noise, Setup, final_gains
+from quadid_logs.simulator.closed_loop import Tuning as Gains
+from quadid_logs.simulator.control import TrackingNotch
+from quadid_logs.simulator.effects import disturbance_density
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.true_loop import true_controller, true_plant
+from quadid_logs.simulator.wind import Wind
 from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
 from quadid_logs.writers import write_log

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from quadid_logs.data.closed_loop import LoopMargins  # noqa: E402
-from quadid_logs.simulate import Scenario, fly  # noqa: E402
+from quadid_logs.simulator import Scenario, fly  # noqa: E402
 from quadid_logs.tuning import recommend  # noqa: E402
 from study import tuning  # noqa: E402
 from study.structural import log_uniform  # noqa: E402

@@ -32,13 +32,13 @@ from quadid_logs.health.records import records
 from quadid_logs.load import prepare, read_log
 from quadid_logs.maths.spectra import WINDOW_S, Spectra, averaged_spectra
 from quadid_logs.pipeline import judge
-from quadid_logs.simulate import fly, plan_flights
-from quadid_logs.simulate.closed_loop import Noise, Setup
-from quadid_logs.simulate.closed_loop import Record as Flown
-from quadid_logs.simulate.logger import Logging, log_flights
-from quadid_logs.simulate.scenarios import SCENARIOS
-from quadid_logs.simulate.true_loop import true_controller, true_plant
-from quadid_logs.simulate.wind import Wind
+from quadid_logs.simulator import fly, plan_flights
+from quadid_logs.simulator.closed_loop import Noise, Setup
+from quadid_logs.simulator.closed_loop import Record as Flown
+from quadid_logs.simulator.logger import Logging, log_flights
+from quadid_logs.simulator.scenarios import SCENARIOS
+from quadid_logs.simulator.true_loop import true_controller, true_plant
+from quadid_logs.simulator.wind import Wind
 from quadid_logs.vocabulary import AXES
 from study.faults import AUTOPILOTS, CLEAN, ROUGH
 from study.margins import draw_loop

@@ -20,11 +20,11 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.containers.tail import LogTail
 from quadid_logs.live import LiveEstimate, LiveFigures
-from quadid_logs.simulate import Setup, fly, plan_flights
-from quadid_logs.simulate.effects import Effects
-from quadid_logs.simulate.logger import Logging, log_flights
-from quadid_logs.simulate.manoeuvres import Reference, hover
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import Setup, fly, plan_flights
+from quadid_logs.simulator.effects import Effects
+from quadid_logs.simulator.logger import Logging, log_flights
+from quadid_logs.simulator.manoeuvres import Reference, hover
+from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.vocabulary import AXES
 from quadid_logs.writers import write_log
 from study.draw import draw_flight

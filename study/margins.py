@@ -15,9 +15,9 @@ from quadid_logs.data.closed_loop import AxisLoop, Margins
 from quadid_logs.data.settings import Settings
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
-from quadid_logs.simulate.closed_loop import Setup, Tuning
-from quadid_logs.simulate.effects import Effects
-from quadid_logs.simulate.true_loop import true_controller, true_plant
+from quadid_logs.simulator.closed_loop import Setup, Tuning
+from quadid_logs.simulator.effects import Effects
+from quadid_logs.simulator.true_loop import true_controller, true_plant
 from quadid_logs.vocabulary import AXES
 from study.draw import Drawn, draw_flight
 from study.measure import setup_of, simulate_drawn

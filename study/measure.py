@@ -18,10 +18,10 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
 from quadid_logs.load import prepare
-from quadid_logs.simulate import Record, fly, plan_flights
-from quadid_logs.simulate.closed_loop import Setup
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import Record, fly, plan_flights
+from quadid_logs.simulator.closed_loop import Setup
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 from study.draw import Drawn
 

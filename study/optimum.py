@@ -28,11 +28,11 @@ from quadid_logs.data.off_nominal import AS_FLOWN
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, Tuning
 from quadid_logs.earlier import with_earlier
-from quadid_logs.simulate import Scenario, fly, manoeuvres
-from quadid_logs.simulate.closed_loop import Setup
-from quadid_logs.simulate.effects import disturbance_density
-from quadid_logs.simulate.true_loop import true_controller, true_plant
-from quadid_logs.simulate.wind import Wind
+from quadid_logs.simulator import Scenario, fly, manoeuvres
+from quadid_logs.simulator.closed_loop import Setup
+from quadid_logs.simulator.effects import disturbance_density
+from quadid_logs.simulator.true_loop import true_controller, true_plant
+from quadid_logs.simulator.wind import Wind
 from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
 from study.draw import Manoeuvre
@@ -213,7 +213,7 @@ def best_factors(judge: Judge, most_noise: float, flown: FloatArray | None = Non
 
 def _gains_of(setup: Setup) -> FloatArray:
     """Return P, I, D and the angle gain that suit the vehicle, shape (4, 3)."""
-    from quadid_logs.simulate.closed_loop import final_gains
+    from quadid_logs.simulator.closed_loop import final_gains
 
     plain = dataclasses.replace(
         setup, tuning=dataclasses.replace(setup.tuning, single_gain=((1.0,) * 3,) * 4)

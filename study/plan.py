@@ -26,12 +26,12 @@ from quadid_logs.data.settings import Settings  # noqa: E402
 from quadid_logs.identify import identify  # noqa: E402
 from quadid_logs.load import prepare  # noqa: E402
 from quadid_logs.planning import AIRS, make_plan  # noqa: E402
-from quadid_logs.simulate import Scenario, fly, plan_flights  # noqa: E402
-from quadid_logs.simulate.airframes import quad_x, scaled  # noqa: E402
-from quadid_logs.simulate.effects import Effects  # noqa: E402
-from quadid_logs.simulate.logger import Logging, log_flights  # noqa: E402
-from quadid_logs.simulate.sweep import sweeps_in_turn  # noqa: E402
-from quadid_logs.simulate.truth import flight_truth  # noqa: E402
+from quadid_logs.simulator import Scenario, fly, plan_flights  # noqa: E402
+from quadid_logs.simulator.airframes import quad_x, scaled  # noqa: E402
+from quadid_logs.simulator.effects import Effects  # noqa: E402
+from quadid_logs.simulator.logger import Logging, log_flights  # noqa: E402
+from quadid_logs.simulator.sweep import sweeps_in_turn  # noqa: E402
+from quadid_logs.simulator.truth import flight_truth  # noqa: E402
 from quadid_logs.vocabulary import AXES, ON_AXIS  # noqa: E402
 
 #: Propellers of the flown vehicles [inch].

@@ -21,9 +21,9 @@ import numpy as np
 from quadid_logs.data.promise import Check, Outcome, Promise
 from quadid_logs.data.result import Result
 from quadid_logs.promise import FIGURES, check, promise_of
-from quadid_logs.simulate import Scenario, fly
-from quadid_logs.simulate.closed_loop import Record, Setup
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import Scenario, fly
+from quadid_logs.simulator.closed_loop import Record, Setup
+from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
 from study.tuning import (

@@ -18,7 +18,7 @@ from quadid_logs.data.controller import AxisController
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD
 from quadid_logs.pipeline import _closed_loop
-from quadid_logs.simulate import fly
+from quadid_logs.simulator import fly
 from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
 from study.optimum import Judge, draw_in_gusts, judge_of

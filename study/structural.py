@@ -10,9 +10,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.simulate import manoeuvres
-from quadid_logs.simulate.airframes import SimulatedAirframe
-from quadid_logs.simulate.effects import Effects
+from quadid_logs.simulator import manoeuvres
+from quadid_logs.simulator.airframes import SimulatedAirframe
+from quadid_logs.simulator.effects import Effects
 
 #: Angular acceleration that a hovering research vehicle leaves unexplained between 0.3 and 5 Hz [rad/s^2].
 FLOWN_DISTURBANCE_RAD_S2: Final = np.array([1.3, 1.3, 0.43])
@@ -169,7 +169,7 @@ def _speed_moment(rng: np.random.Generator, airframe: SimulatedAirframe) -> dict
     return {"drag_height_m": per_speed * float(airframe.inertia_kg_m2[0, 0]) / airframe.drag_n_s_m}
 
 
-#: By the names of `quadid_logs.simulate.effects.FIELDS` where there is one.
+#: By the names of `quadid_logs.simulator.effects.FIELDS` where there is one.
 EFFECTS: Final[dict[str, Callable[[np.random.Generator, SimulatedAirframe], dict[str, Any]]]] = {
     "tilt stiffness": _tilt_stiffness,
     "sling load": _sling_load,

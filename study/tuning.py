@@ -31,13 +31,13 @@ from quadid_logs.data.tuning import AxisTuning, GainNames, Tuning
 from quadid_logs.health import health_of
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
-from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights
-from quadid_logs.simulate.closed_loop import Noise, Record, Setup
-from quadid_logs.simulate.closed_loop import Tuning as Gains
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.true_loop import true_controller, true_plant
-from quadid_logs.simulate.truth import flight_truth
-from quadid_logs.simulate.wind import Wind
+from quadid_logs.simulator import Scenario, fly, manoeuvres, plan_flights
+from quadid_logs.simulator.closed_loop import Noise, Record, Setup
+from quadid_logs.simulator.closed_loop import Tuning as Gains
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.true_loop import true_controller, true_plant
+from quadid_logs.simulator.truth import flight_truth
+from quadid_logs.simulator.wind import Wind
 from quadid_logs.tuning import recommend
 from study.draw import draw_flight
 from study.structural import log_uniform
@@ -196,8 +196,8 @@ def waits_for_gyro(loop_hz: float) -> dict[str, float]:
 
 def resting_truth(setup: Setup) -> dict[str, Any]:
     """Tell the vehicle before it has flown: at hover, with a full battery."""
-    from quadid_logs.simulate.closed_loop import torque_gain
-    from quadid_logs.simulate.truth import actuator_truth, model_truth
+    from quadid_logs.simulator.closed_loop import torque_gain
+    from quadid_logs.simulator.truth import actuator_truth, model_truth
 
     model = model_truth(setup.airframe, torque_gain(setup.airframe, setup.autopilot))
     return {"models": model, "actuator": actuator_truth(setup)}

@@ -17,8 +17,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from quadid_logs.data.closed_loop import Estimated  # noqa: E402
-from quadid_logs.simulate import fly  # noqa: E402
-from quadid_logs.simulate.truth import flight_truth  # noqa: E402
+from quadid_logs.simulator import fly  # noqa: E402
+from quadid_logs.simulator.truth import flight_truth  # noqa: E402
 from study import tuning  # noqa: E402
 
 _YAW: Final = 2

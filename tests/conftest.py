@@ -182,7 +182,7 @@ def pytest_xdist_auto_num_workers() -> int:
 #: What is kept for all test processes, and the module that makes it.
 KEPT = {
     "analyses": "quadid_logs.pipeline",
-    "flights": "quadid_logs.simulate.closed_loop",
+    "flights": "quadid_logs.simulator.closed_loop",
     "tuned": "tests.tuned_flights",
     "vehicles": "tests.identify.vehicles",
     **STAGES,
@@ -255,7 +255,7 @@ def analyzed(corpus: Path, analyzed_once: Analyzed) -> Analyzed:
 @pytest.fixture(scope="session", autouse=True)
 def kept_flights(shelves: dict[str, Shelf]) -> Iterator[None]:
     """Let the simulator fly no flight twice; its own tests fly each time (`tests/simulate/conftest.py`)."""
-    from quadid_logs.simulate import closed_loop
+    from quadid_logs.simulator import closed_loop
 
     fly = closed_loop._fly
 

@@ -18,8 +18,8 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import AxisTuning, Tuning
 from quadid_logs.diagnose import with_findings
 from quadid_logs.report.tune_view import TuneAxisView, tune_view
-from quadid_logs.simulate.true_loop import true_plant
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator.true_loop import true_plant
+from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.tuning import tuning_of
 from quadid_logs.vocabulary import AXES
 from tests.tuned_flights import flown, recorded

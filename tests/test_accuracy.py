@@ -13,7 +13,7 @@ from benchmarks.methods import data_sets
 from quadid_logs.align import cut
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.load import prepare
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 
 
 @pytest.fixture(scope="module")

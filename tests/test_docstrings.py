@@ -21,7 +21,6 @@ WHOLE: tuple[str, ...] = (
     "quadid_logs.actuation",
     "quadid_logs.align",
     "quadid_logs.api",
-    "quadid_logs.callable_module",
     "quadid_logs.comparison",
     "quadid_logs.data",
     "quadid_logs.diagnose",

@@ -318,7 +318,7 @@ def _simulated() -> Result:
     from quadid_logs.diagnose import diagnose
     from quadid_logs.identify import identify
     from quadid_logs.load import prepare
-    from quadid_logs.simulate import simulate
+    from quadid_logs.simulator import simulate
 
     settings = Settings()
     log = simulate("sysid-quad-x", seed=2, duration_s=25.0, rate_hz=200.0).log

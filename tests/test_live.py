@@ -21,7 +21,7 @@ from quadid_logs.identify.spectral import solve_flight
 from quadid_logs.identify.spectral_effects import fit_by_spectra
 from quadid_logs.live import LiveAxis, LiveEstimate, LiveFigures, figure_block, figure_line, notes
 from quadid_logs.load import load
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.vocabulary import AXES
 from quadid_logs.writers import write_log
 from tests.marks import thorough, thorough_but

@@ -7,11 +7,11 @@ import pytest
 
 from quadid_logs import analyze
 from quadid_logs.data.result import Result
-from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights
-from quadid_logs.simulate.airframes import quad_x
-from quadid_logs.simulate.effects import Effects
-from quadid_logs.simulate.logger import Logging, log_flights
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import Scenario, fly, manoeuvres, plan_flights
+from quadid_logs.simulator.airframes import quad_x
+from quadid_logs.simulator.effects import Effects
+from quadid_logs.simulator.logger import Logging, log_flights
+from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 pytestmark = pytest.mark.usefixtures("verdicts_only")

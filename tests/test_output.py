@@ -16,9 +16,9 @@ import pytest
 
 from quadid_logs.cli import main
 from quadid_logs.errors import OutputError
-from quadid_logs.fleet import store as store_module
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.store import Store
+from quadid_logs.fleets import store as store_module
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.store import Store
 from quadid_logs.output import DOWNLOADS, beside_prefix, new_folder, remove_unfinished, write_together
 from quadid_logs.report.folder import check_folder, report_folders, write_report
 from tests.synthetic_results import usable_result

@@ -13,7 +13,7 @@ from quadid_logs.cli import main
 from quadid_logs.data.result import Result
 from quadid_logs.errors import SettingsError
 from quadid_logs.report.verdict import flown_sentence
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.writers import write_log
 
 pytestmark = pytest.mark.usefixtures("verdicts_only")

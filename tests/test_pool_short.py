@@ -9,7 +9,7 @@ import pytest
 
 from quadid_logs import Vehicle, analyze, analyze_pooled
 from quadid_logs.data.result import Result
-from quadid_logs.simulate import Simulation, simulate
+from quadid_logs.simulator import Simulation, simulate
 
 
 def short(seed: int, vehicle: Vehicle | None = None) -> Simulation:

@@ -10,8 +10,8 @@ import pytest
 from quadid_logs import analyze_pooled
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.data.result import Result
-from quadid_logs.simulate import find_scenario, fly, plan_flights
-from quadid_logs.simulate.logger import log_flights
+from quadid_logs.simulator import find_scenario, fly, plan_flights
+from quadid_logs.simulator.logger import log_flights
 
 #: What a table of rates, attitude and torque commands holds, and the velocity beside them.
 LOGGED = {"body_rate", "attitude", "torque_command", "throttle"}

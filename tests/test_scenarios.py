@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs.simulate import SCENARIOS, simulate
-from quadid_logs.simulate.damage import damage_bytes
+from quadid_logs.simulator import SCENARIOS, simulate
+from quadid_logs.simulator.damage import damage_bytes
 from quadid_logs.writers import write_log
 from tests.analyses import Analyzed
 from tests.marks import thorough_but

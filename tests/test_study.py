@@ -18,9 +18,9 @@ from quadid_logs.control.loop import close, on_rate
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, GainChange, Tuning
 from quadid_logs.diagnose.findings import finding
-from quadid_logs.simulate import fly, plan_flights
-from quadid_logs.simulate.true_loop import true_controller, true_plant
-from quadid_logs.simulate.vendors import parameters
+from quadid_logs.simulator import fly, plan_flights
+from quadid_logs.simulator.true_loop import true_controller, true_plant
+from quadid_logs.simulator.vendors import parameters
 from quadid_logs.vocabulary import AXES
 from study import optimum, rate_mode, run
 from study.draw import FRAMES, GYRO_SCALE_SIGMA, MANOEUVRES, draw_flight

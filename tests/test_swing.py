@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from quadid_logs.bifilar import Bifilar, swing
 from quadid_logs.cli import main
 from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import LogError, SettingsError, VehicleFileError
 from quadid_logs.load import read_log
-from quadid_logs.simulate import simulate
-from quadid_logs.swing import Bifilar, swing
+from quadid_logs.simulator import simulate
 from quadid_logs.vehicle_file import read_vehicle
 from quadid_logs.writers import write_log
 from tests.bifilar import Hung, swing_log, swing_rate

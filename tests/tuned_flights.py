@@ -14,9 +14,9 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import _closed_loop, judge
-from quadid_logs.simulate import SCENARIOS, fly, plan_flights
-from quadid_logs.simulate.closed_loop import Record
-from quadid_logs.simulate.logger import log_flights
+from quadid_logs.simulator import SCENARIOS, fly, plan_flights
+from quadid_logs.simulator.closed_loop import Record
+from quadid_logs.simulator.logger import log_flights
 from tests.kept import SHELVES
 
 #: Just fast enough for a loop of its own at that rate.

@@ -20,7 +20,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.settings import Settings
 from quadid_logs.errors import QuadidError
 from quadid_logs.load import prepare, read_log
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.vocabulary import RATE_SYMBOLS
 
 Kind = Literal["simulated", "firmware", "flown"]

@@ -192,7 +192,7 @@ def plan(autopilot: str, axes: Sequence[str]) -> Answer:
 
 def query(store: Path, sql: str) -> Answer:
     """Return the rows of an SQL statement over the store of a fleet, whose table is ``fleet``."""
-    from quadid_logs.fleet.sql import ask
+    from quadid_logs.fleets.sql import ask
 
     answer = ask(store, sql)
     rows = [list(row) for row in islice(answer.rows, _MOST_ROWS + 1)]

@@ -25,7 +25,7 @@ from quadid_logs.figures import Figure, figures_of
 from quadid_logs.identify.structures import TERMS, Structure
 from quadid_logs.identify.terms import TORQUE_TERMS, Term
 from quadid_logs.report.series_file import aligned_table
-from quadid_logs.simulate import Simulation
+from quadid_logs.simulator import Simulation
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -16,7 +16,7 @@ def finding_codes(incomplete: str) -> Offer:
 
 def scenarios(incomplete: str) -> Offer:
     """Return the simulated flights, each with its sentence."""
-    from quadid_logs.simulate import SCENARIOS
+    from quadid_logs.simulator import SCENARIOS
 
     return _matching(((one.name, one.sentence) for one in SCENARIOS.values()), incomplete)
 

@@ -18,7 +18,7 @@ from quadid_logs.errors import SettingsError
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from quadid_logs.fleet.run import Tally
+    from quadid_logs.fleets.run import Tally
 
 
 #: A week: who wants more wants no limit, and timers of processes have one of their own [minutes].
@@ -79,13 +79,13 @@ def fleet(
     took too long or killed their process; --resume tries them again. 4: all
     done, but no axis in the store is usable.
     """
-    from quadid_logs.fleet.coverage import coverage_of, coverage_words
-    from quadid_logs.fleet.engine import Cluster
-    from quadid_logs.fleet.log_files import find_logs
-    from quadid_logs.fleet.naming import NamingRules
-    from quadid_logs.fleet.options import Options
-    from quadid_logs.fleet.run import LOST, run_fleet
-    from quadid_logs.fleet.store import count_verdicts
+    from quadid_logs.fleets.coverage import coverage_of, coverage_words
+    from quadid_logs.fleets.engine import Cluster
+    from quadid_logs.fleets.log_files import find_logs
+    from quadid_logs.fleets.naming import NamingRules
+    from quadid_logs.fleets.options import Options
+    from quadid_logs.fleets.run import LOST, run_fleet
+    from quadid_logs.fleets.store import count_verdicts
     from quadid_logs.vehicle_file import read_vehicle
 
     if workers < 0 or not max_mb > 0.0 or not 0.0 < timeout <= _LONGEST_MIN:
@@ -127,7 +127,7 @@ def fleet(
 
 def _summary(tally: Tally) -> str:
     """Say in one line what became of the logs."""
-    from quadid_logs.fleet.run import ANALYZED, KNOWN, LOST, UNREADABLE
+    from quadid_logs.fleets.run import ANALYZED, KNOWN, LOST, UNREADABLE
 
     words = {ANALYZED: "analyzed", UNREADABLE: "unreadable", LOST: "lost", KNOWN: "already there"}
     parts = [f"{tally.counts[key]} {word}" for key, word in words.items() if tally.counts[key]]

@@ -33,9 +33,9 @@ def fleet_report(
     not one vehicle. 3: none, but the last flights of a vehicle differ, and one or
     two more must decide. 4: no axis is usable, so that nothing could be compared.
     """
-    from quadid_logs.fleet.coverage import coverage_words
-    from quadid_logs.fleet.history import read_fleet
-    from quadid_logs.fleet.page import fleet_page, headlines
+    from quadid_logs.fleets.coverage import coverage_words
+    from quadid_logs.fleets.history import read_fleet
+    from quadid_logs.fleets.page import fleet_page, headlines
 
     check_free(output, force=force)
     fleet = read_fleet(store)

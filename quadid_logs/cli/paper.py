@@ -23,8 +23,8 @@ def paper(
 ) -> int:
     """Re-run the source paper's experiment and say what agrees with eq. (12), what cannot, and why."""
     from quadid_logs.report.markdown_page import markdown_page
-    from quadid_logs.simulate.paper_experiment import run_experiment
-    from quadid_logs.simulate.paper_page import figures, page_text, windows_csv
+    from quadid_logs.simulator.paper_experiment import run_experiment
+    from quadid_logs.simulator.paper_page import figures, page_text, windows_csv
 
     check_folder_free(output, _FILES, force=force)
     with Progress("paper") as progress:

@@ -17,8 +17,8 @@ from quadid_logs.errors import SettingsError
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from quadid_logs.fleet.sql import Answer
-    from quadid_logs.fleet.store import SetAside
+    from quadid_logs.fleets.sql import Answer
+    from quadid_logs.fleets.store import SetAside
 
 #: Rows of a table that are laid out together: a column is as wide as the widest of them.
 _PAGE = 1000
@@ -42,7 +42,7 @@ def query(
     "DESCRIBE fleet" lists the columns. The store cannot be changed, and no
     other file read.
     """
-    from quadid_logs.fleet.sql import ask
+    from quadid_logs.fleets.sql import ask
 
     if as_json and as_csv:
         raise SettingsError("--json and --csv exclude each other.", hint="Give one of them.")

@@ -17,7 +17,7 @@ from quadid_logs.output import check_free, check_no_link, new_folder, write_besi
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from quadid_logs.simulate import Simulation
+    from quadid_logs.simulator import Simulation
 
 
 def simulate(
@@ -57,8 +57,8 @@ def simulate(
 
     What is true about the flight goes into FILE.truth.json beside the log.
     """
-    from quadid_logs.simulate import SCENARIOS
-    from quadid_logs.simulate import simulate as fly_scenario
+    from quadid_logs.simulator import SCENARIOS
+    from quadid_logs.simulator import simulate as fly_scenario
     from quadid_logs.vehicle_file import read_vehicle
     from quadid_logs.writers import AUTOPILOT_OF_ENDING
 
@@ -113,7 +113,7 @@ def write_simulation(simulation: Simulation, output: Path) -> None:
     OutputError
         If they cannot be written.
     """
-    from quadid_logs.simulate import damage_bytes
+    from quadid_logs.simulator import damage_bytes
     from quadid_logs.writers import write_log
 
     text = json.dumps(simulation.truth, indent=1, allow_nan=False) + "\n"

@@ -72,10 +72,10 @@ def swing(
     """
     import math
 
+    from quadid_logs.bifilar import Bifilar
+    from quadid_logs.bifilar import swing as measure
     from quadid_logs.load import read_log
     from quadid_logs.report.swing import swing_lines, swing_text
-    from quadid_logs.swing import Bifilar
-    from quadid_logs.swing import swing as measure
     from quadid_logs.vehicle_file import read_vehicle
 
     known = None if vehicle is None else read_vehicle(vehicle)

@@ -12,7 +12,7 @@ from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.report.numbers import number
 
 if TYPE_CHECKING:
-    from quadid_logs.simulate.published import PublishedVehicle
+    from quadid_logs.simulator.published import PublishedVehicle
 
 
 def comparison_rows(inertia: Inertia, vehicle: Vehicle | None) -> list[tuple[str, str, str, list[str]]]:
@@ -22,7 +22,7 @@ def comparison_rows(inertia: Inertia, vehicle: Vehicle | None) -> list[tuple[str
     ratio of the moments.
     """
     # Not at the top: it brings the whole simulator with it.
-    from quadid_logs.simulate.published import PUBLISHED
+    from quadid_logs.simulator.published import PUBLISHED
 
     identified = np.diagonal(inertia.matrix)
     mass = vehicle.mass_kg if vehicle is not None else None

@@ -65,7 +65,7 @@ def beside_published(result: Result) -> str:
     mixers of autopilots do, and the largest thrust for twice the weight: B = m g l / I, with the lever l.
     """
     # Not at the top: it brings the whole simulator with it.
-    from quadid_logs.simulate.published import PUBLISHED
+    from quadid_logs.simulator.published import PUBLISHED
 
     found = [_trusted(result, axis) for axis in AXES[:2]]
     gains = [gain.value for gain in found if gain is not None]

@@ -12,7 +12,7 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Any, Final
 
-from quadid_logs.fleet.naming import MODIFICATION
+from quadid_logs.fleets.naming import MODIFICATION
 from quadid_logs.untrusted import printable
 
 #: So many earlier flights of a vehicle are asked as well, the last ones: with four more, what gusts leave of

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from quadid_logs.errors import SeveralLogsError
-from quadid_logs.fleet.log_files import LogFile
-from quadid_logs.fleet.naming import craft_name
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.tasks import Outcome
+from quadid_logs.fleets.log_files import LogFile
+from quadid_logs.fleets.naming import craft_name
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.tasks import Outcome
 from quadid_logs.serve.entries import Kind
 from quadid_logs.untrusted import printable
 from quadid_logs.version import __version__
@@ -68,7 +68,7 @@ def do(job: Job, tell: Tell) -> Done:
 
 def _analyze(job: Job, tell: Tell) -> Done:
     """Do what ``quadid-log analyze`` does, and what a fleet's history needs."""
-    from quadid_logs.fleet.rows import judged_as, result_rows
+    from quadid_logs.fleets.rows import judged_as, result_rows
     from quadid_logs.report.folder import write_drawings
     from quadid_logs.report.json import json_text
     from quadid_logs.report.provenance import Provenance
@@ -87,7 +87,7 @@ def _analyze(job: Job, tell: Tell) -> Done:
     if not (len(result.data.flights) < 2 and (model is None or model.structure == Options().structure)):
         tell("adding it to the history", summary)
         # Analyze each flight alone, in the structure that all flights of the history have.
-        from quadid_logs.fleet.per_flight import judge_flights
+        from quadid_logs.fleets.per_flight import judge_flights
 
         settings = dataclasses.replace(Options().settings, log=result.settings.log)
         by_flight = result_rows(

@@ -15,14 +15,14 @@ from quadid_logs.version import __version__
 #: One stylesheet: the report's, what a fleet's page adds, and ours.
 _STYLES: Final = (
     ("quadid_logs.report", "templates/report.css"),
-    ("quadid_logs.fleet", "templates/fleet.css"),
+    ("quadid_logs.fleets", "templates/fleet.css"),
     ("quadid_logs.serve", "static/serve.css"),
 )
 
 
 def page(template: str, *, status: int = 200, **values: Any) -> HTMLResponse:
     """Return a page."""
-    text = environment("quadid_logs.serve", "quadid_logs.fleet").get_template(template)
+    text = environment("quadid_logs.serve", "quadid_logs.fleets").get_template(template)
     return HTMLResponse(text.render(version=__version__, **values), status)
 
 
@@ -50,8 +50,8 @@ def vehicle_page(history: Path, vehicle: str) -> HTMLResponse | None:
     HTMLResponse or None
         None where the store holds no flight of it.
     """
-    from quadid_logs.fleet.history import read_fleet
-    from quadid_logs.fleet.page import vehicle_values
+    from quadid_logs.fleets.history import read_fleet
+    from quadid_logs.fleets.page import vehicle_values
 
     fleet = read_fleet(history)
     flights = (flight for each in fleet.histories for flight in each.flights)

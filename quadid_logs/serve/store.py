@@ -32,9 +32,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from quadid_logs.errors import OutputError, SettingsError
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.store import Store as History
-from quadid_logs.fleet.tasks import Outcome
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.store import Store as History
+from quadid_logs.fleets.tasks import Outcome
 from quadid_logs.output import check_no_link, make_folder
 from quadid_logs.serve.entries import Entry, Kind, State
 from quadid_logs.serve.jobs import Done

@@ -110,12 +110,12 @@ def serve_jobs(connection: Connection, most_bytes: int) -> None:
     most_bytes : int
         Memory that the process may take, 0 for all.
     """
-    from quadid_logs.fleet.work import begin
+    from quadid_logs.fleets.work import begin
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the server, and that ends us
     begin(most_bytes)
     # Import what every job needs, while nobody waits for it yet.
-    import quadid_logs.fleet.rows
+    import quadid_logs.fleets.rows
     import quadid_logs.pipeline
     import quadid_logs.report.folder
     import quadid_logs.report.html

@@ -19,9 +19,9 @@ from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose.torque_findings import find_in_torque
 from quadid_logs.identify import identify
 from quadid_logs.load import load, prepare
-from quadid_logs.simulate import find_scenario, fly, plan_flights
-from quadid_logs.simulate.logger import Logging, log_flights
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import find_scenario, fly, plan_flights
+from quadid_logs.simulator.logger import Logging, log_flights
+from quadid_logs.simulator.truth import flight_truth
 from tests.analyses import Analyzed
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"

@@ -18,7 +18,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.load import load, prepare, read_log
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from tests.actuation.logs import PARAMETERS, ardupilot_log, signal
 from tests.analyses import Analyzed
 from tests.marks import thorough_but

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
+import pkgutil
 import subprocess
 import sys
 from dataclasses import fields, replace
@@ -217,6 +217,12 @@ def test_everything_shows_itself_in_a_few_lines(flown: Analysis) -> None:
         assert repr(each).count("\n") < 6
 
 
+def test_a_simulated_flight_shows_itself_in_a_line() -> None:
+    """Its samples and all of its truth were printed: pages of them."""
+    shown = repr(quadid_logs.simulate("doublets", duration_s=15.0, rate_hz=10.0))
+    assert shown == "<Simulation of 'doublets': dataflash of ardupilot, with its truth>"
+
+
 def test_an_analysis_shows_itself_in_a_notebook_and_a_hostile_log_stays_text() -> None:
     """Nobody has to call `show`."""
     hostile = as_analysis(hostile_result("\x1b[31m.bin"))
@@ -226,13 +232,18 @@ def test_an_analysis_shows_itself_in_a_notebook_and_a_hostile_log_stays_text() -
     assert "\x1b" not in repr(hostile)
 
 
-@pytest.mark.parametrize("verb", ["fleet", "simulate", "swing"])
-def test_a_verb_is_called_and_is_a_module_as_well(verb: str) -> None:
-    """Whatever was imported before: the package's attribute is the module, and the module is callable."""
-    module = importlib.import_module(f"quadid_logs.{verb}")
-    assert getattr(quadid_logs, verb) is module
-    assert callable(module)
-    assert inspect.signature(module) == inspect.signature(getattr(module, verb))
+def test_no_module_takes_the_place_of_a_public_name() -> None:
+    """Importing `quadid_logs.simulate` would put the module where the function is."""
+    modules = {module.name for module in pkgutil.iter_modules(quadid_logs.__path__)}
+    assert not modules & set(quadid_logs.__all__)
+
+
+@pytest.mark.parametrize(
+    "verb", ["analyze", "tune", "compare", "repeat", "check", "plan", "fleet", "simulate", "swing"]
+)
+def test_a_verb_is_a_function(verb: str) -> None:
+    """With its own signature and docstring, for `help` and a notebook's question mark."""
+    assert inspect.isfunction(getattr(quadid_logs, verb))
 
 
 def test_importing_the_package_imports_nothing_heavy() -> None:

@@ -312,12 +312,12 @@ def test_a_fleet_takes_a_result_by_its_file(
     analysis: quadid_logs.Analysis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Alone or among paths: workers read it by themselves."""
-    from quadid_logs.fleet import run
+    from quadid_logs.fleets import run
 
     asked: list[list[str]] = []
-    monkeypatch.setattr("quadid_logs.fleet.log_files.find_logs", lambda places: asked.append(places) or [])
+    monkeypatch.setattr("quadid_logs.fleets.log_files.find_logs", lambda places: asked.append(places) or [])
     monkeypatch.setattr(run, "run_fleet", lambda *_given, **_named: None)
-    monkeypatch.setattr("quadid_logs.fleet.stored.StoredFleet", lambda store: store)
+    monkeypatch.setattr("quadid_logs.fleets.stored.StoredFleet", lambda store: store)
     quadid_logs.fleet(analysis, tmp_path)
     quadid_logs.fleet([str(SAMPLE), analysis.log], tmp_path)
     quadid_logs.fleet(SAMPLE, tmp_path)

@@ -15,7 +15,7 @@ from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.health import health_of
 from quadid_logs.load import prepare, read_log
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.writers.dataflash_writer import write_dataflash
 
 RATE_HZ, LINE_HZ = 2000.0, 437.3

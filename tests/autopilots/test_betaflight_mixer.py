@@ -17,9 +17,9 @@ from quadid_logs.autopilots.betaflight.torque import rebuild
 from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.data.result import Result
 from quadid_logs.pipeline import analyze
-from quadid_logs.simulate import SCENARIOS, Record, fly, plan_flights
-from quadid_logs.simulate.control import thrust_of_throttle
-from quadid_logs.simulate.logger import log_flights
+from quadid_logs.simulator import SCENARIOS, Record, fly, plan_flights
+from quadid_logs.simulator.control import thrust_of_throttle
+from quadid_logs.simulator.logger import log_flights
 from quadid_logs.vocabulary import AXES, ON_AXIS
 from quadid_logs.writers import write_log
 from tests.autopilots.test_betaflight import MIX, SAG

@@ -25,8 +25,8 @@ from quadid_logs.data.log import ControllerTerms, FlightLog, ModeChange, Rows, S
 from quadid_logs.errors import UnknownFormatError
 from quadid_logs.load import read_log
 from quadid_logs.pipeline import analyze
-from quadid_logs.simulate import Simulation, simulate
-from quadid_logs.simulate.dialects import FIRMWARE, in_dialect
+from quadid_logs.simulator import Simulation, simulate
+from quadid_logs.simulator.dialects import FIRMWARE, in_dialect
 from quadid_logs.vocabulary import ON_AXIS
 from quadid_logs.writers import write_log
 from tests.containers import blackbox_maker as maker

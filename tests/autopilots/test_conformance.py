@@ -17,7 +17,7 @@ from quadid_logs import autopilots
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.errors import LogError
 from quadid_logs.load import read_log
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.vocabulary import SIGNALS, VEHICLE_TYPES
 from quadid_logs.writers import write_log
 from tests.containers import blackbox_maker as blackbox

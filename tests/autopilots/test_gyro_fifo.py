@@ -18,7 +18,7 @@ from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.health import health_of
 from quadid_logs.load import prepare, read_log
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.writers.ulog_writer import write_ulog
 
 RATE_HZ, LINE_HZ = 2000.0, 613.7

@@ -14,7 +14,7 @@ from quadid_logs.autopilots.px4.filters import follows_unknown, parameter_filter
 from quadid_logs.control.loop import gyro_filters
 from quadid_logs.data.controller import RemarkKind
 from quadid_logs.load import read_log
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.writers import write_log
 
 ON = {"IMU_GYRO_DNF_EN": 1.0, "IMU_GYRO_DNF_BW": 15.0, "IMU_GYRO_DNF_HMC": 2.0, "IMU_GYRO_DNF_MIN": 25.0}

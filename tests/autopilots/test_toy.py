@@ -16,7 +16,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.errors import SettingsError
 from quadid_logs.load import read_log
 from quadid_logs.pipeline import analyze
-from quadid_logs.simulate import Simulation, simulate
+from quadid_logs.simulator import Simulation, simulate
 
 from . import toy
 

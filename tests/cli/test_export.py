@@ -12,7 +12,7 @@ from quadid_logs import pipeline
 from quadid_logs.cli import main
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.writers import write_log
 
 TOML = "mass_kg = 1.5\narm_length_m = 0.25\ntorque_to_thrust_m = 0.016\n"

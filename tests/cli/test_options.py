@@ -56,8 +56,8 @@ def test_a_verb_takes_the_options_of_all(verb: str, wanted: set[str]) -> None:
 def of_roll(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A flight that moves roll only."""
     from quadid_logs.planning import _airframe, _manoeuvre, make_plan
-    from quadid_logs.simulate import Scenario, fly, plan_flights
-    from quadid_logs.simulate.logger import log_flights
+    from quadid_logs.simulator import Scenario, fly, plan_flights
+    from quadid_logs.simulator.logger import log_flights
 
     plan = make_plan("ardupilot", ["roll"])
     scenario = Scenario(

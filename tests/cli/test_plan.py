@@ -13,7 +13,7 @@ from quadid_logs.cli import main
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.planning import Prediction, make_plan, predict
 from quadid_logs.report.plan import card_lines, excitation_lines, live_files, parameter_files, settings_lines
-from quadid_logs.simulate.sweep import Sweep, sweep_wave
+from quadid_logs.simulator.sweep import Sweep, sweep_wave
 from tests.synthetic_results import synthetic_prediction
 
 pytestmark = pytest.mark.usefixtures("quick_multisines")

@@ -9,11 +9,11 @@ import pytest
 
 from quadid_logs.cli import main
 from quadid_logs.data.settings import Settings
-from quadid_logs.fleet.log_files import LogFile
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.per_flight import analyze_flights
-from quadid_logs.fleet.tasks import Task
-from quadid_logs.fleet.work import work
+from quadid_logs.fleets.log_files import LogFile
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.per_flight import analyze_flights
+from quadid_logs.fleets.tasks import Task
+from quadid_logs.fleets.work import work
 from quadid_logs.report.next_flight import next_steps
 from quadid_logs.serve.entries import Kind
 from quadid_logs.serve.jobs import Job, do

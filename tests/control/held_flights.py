@@ -10,12 +10,12 @@ import numpy as np
 from quadid_logs.control.outer_loops import close_outer
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.outer_loops import AttitudeCommand, CascadeController, OuterLoop
-from quadid_logs.simulate import SCENARIOS, plan_flights
-from quadid_logs.simulate.closed_loop import Noise, Record, Setup, fly
-from quadid_logs.simulate.logger import Logging, log_flights
-from quadid_logs.simulate.position_hold import PositionHold
-from quadid_logs.simulate.true_loop import true_controller, true_plant
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import SCENARIOS, plan_flights
+from quadid_logs.simulator.closed_loop import Noise, Record, Setup, fly
+from quadid_logs.simulator.logger import Logging, log_flights
+from quadid_logs.simulator.position_hold import PositionHold
+from quadid_logs.simulator.true_loop import true_controller, true_plant
+from quadid_logs.simulator.truth import flight_truth
 
 ARDUPILOT: Final = PositionHold()
 PX4: Final = PositionHold(

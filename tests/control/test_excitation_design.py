@@ -11,7 +11,7 @@ from quadid_logs.autopilots.discrete import first_order, gain, unit
 from quadid_logs.control.excitation_design import Air, AxisExcitation, Chirp, _least, crossovers, design
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
-from quadid_logs.simulate.sweep import Sweep, sweep_wave
+from quadid_logs.simulator.sweep import Sweep, sweep_wave
 
 PERIOD_S = 1.0 / 400.0
 FREQUENCY_HZ = np.geomspace(0.05, 150.0, 400)

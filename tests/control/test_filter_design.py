@@ -26,8 +26,8 @@ from quadid_logs.promise import promise_of
 from quadid_logs.report.gain_files import gain_files
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.report.tune_page import tune_page
-from quadid_logs.simulate import fly
-from quadid_logs.simulate.logger import log_flights
+from quadid_logs.simulator import fly
+from quadid_logs.simulator.logger import log_flights
 from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
 from quadid_logs.writers import write_log

@@ -10,8 +10,8 @@ from quadid_logs import analyze
 from quadid_logs.control import recommend as recommend_module
 from quadid_logs.control.filter_guard import is_no_worse, with_flown_filters
 from quadid_logs.data.tuning import AxisTuning
-from quadid_logs.simulate import fly
-from quadid_logs.simulate.logger import log_flights
+from quadid_logs.simulator import fly
+from quadid_logs.simulator.logger import log_flights
 from quadid_logs.tuning import recommend
 from quadid_logs.writers import write_log
 from study import filters as study

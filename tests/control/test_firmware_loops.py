@@ -13,7 +13,7 @@ from quadid_logs.control.margins import grid_hz, margins_of
 from quadid_logs.control.posterior import draw
 from quadid_logs.data.closed_loop import Margins, Plant
 from quadid_logs.data.result import Result
-from quadid_logs.fleet.per_flight import analyze_flights
+from quadid_logs.fleets.per_flight import analyze_flights
 from quadid_logs.vocabulary import AXES
 from tests.analyses import Analyzed
 from tests.marks import thorough

@@ -14,7 +14,7 @@ from quadid_logs.control.frequency_response import Response
 from quadid_logs.control.loop import close, gyro_filters, rate_loop
 from quadid_logs.data.closed_loop import FrameModes, Modes, Plant
 from quadid_logs.data.flight import FlightData
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from tests.control.loop_flights import PERIOD_S, Vehicle, flight
 from tests.marks import thorough, thorough_but
 

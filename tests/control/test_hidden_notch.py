@@ -16,11 +16,11 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
-from quadid_logs.simulate import fly, plan_flights
-from quadid_logs.simulate.closed_loop import Setup
-from quadid_logs.simulate.control import TrackingNotch
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.true_loop import true_controller, true_plant
+from quadid_logs.simulator import fly, plan_flights
+from quadid_logs.simulator.closed_loop import Setup
+from quadid_logs.simulator.control import TrackingNotch
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.true_loop import true_controller, true_plant
 from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
 from study.tuning import resting_truth

@@ -26,10 +26,10 @@ from quadid_logs.data.off_nominal import (
 )
 from quadid_logs.data.tuning import GOOD, AxisTuning
 from quadid_logs.errors import SettingsError
-from quadid_logs.simulate import fly, plan_flights
-from quadid_logs.simulate.closed_loop import Setup
-from quadid_logs.simulate.true_loop import true_controller, true_plant
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import fly, plan_flights
+from quadid_logs.simulator.closed_loop import Setup
+from quadid_logs.simulator.true_loop import true_controller, true_plant
+from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.tuning import recommend
 from tests.control.loop_flights import Vehicle
 from tests.marks import thorough

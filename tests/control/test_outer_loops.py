@@ -15,7 +15,7 @@ from quadid_logs.control.outer_loops import attitude_replays, cascade_loops, cas
 from quadid_logs.data.log import FlightLog, PositionRows, Rows
 from quadid_logs.data.outer_loops import AttitudeReplay, CascadeController, CascadeReplay, Shown
 from quadid_logs.pipeline import analyze as judged
-from quadid_logs.simulate.position_hold import PositionHold
+from quadid_logs.simulator.position_hold import PositionHold
 from tests.control.held_flights import HOLDS, cascade, flown, log_of, logged, true_loop
 from tests.marks import thorough
 

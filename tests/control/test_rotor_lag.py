@@ -19,11 +19,11 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Actuator
 from quadid_logs.data.settings import Settings
 from quadid_logs.load import prepare
-from quadid_logs.simulate import SCENARIOS, fly, manoeuvres, plan_flights
-from quadid_logs.simulate.closed_loop import Tuning
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.true_loop import true_plant
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import SCENARIOS, fly, manoeuvres, plan_flights
+from quadid_logs.simulator.closed_loop import Tuning
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.true_loop import true_plant
+from quadid_logs.simulator.truth import flight_truth
 
 RATE_HZ = 280.0
 

@@ -12,9 +12,9 @@ from quadid_logs.control.replay import replay
 from quadid_logs.data.controller import RemarkKind, Replay, ReplayReason
 from quadid_logs.data.log import FlightLog
 from quadid_logs.load import load
-from quadid_logs.simulate import simulate
-from quadid_logs.simulate.closed_loop import Tuning
-from quadid_logs.simulate.control import Gains, arithmetic, rate_law, reset_rates
+from quadid_logs.simulator import simulate
+from quadid_logs.simulator.closed_loop import Tuning
+from quadid_logs.simulator.control import Gains, arithmetic, rate_law, reset_rates
 from quadid_logs.writers import write_log
 from tests.control.flown_controller import AP_PID, ap_pid, motion
 

@@ -21,12 +21,12 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.load import prepare, read_log
 from quadid_logs.pipeline import judge
-from quadid_logs.simulate import SCENARIOS, fly, plan_flights
-from quadid_logs.simulate.closed_loop import Record
-from quadid_logs.simulate.control import TrackingNotch, filter_rates
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.true_loop import true_controller, true_plant
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import SCENARIOS, fly, plan_flights
+from quadid_logs.simulator.closed_loop import Record
+from quadid_logs.simulator.control import TrackingNotch, filter_rates
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.true_loop import true_controller, true_plant
+from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.writers import write_log
 
 #: As fast as ArduPilot reads a gyro by default: the notch of the simulation is that of the firmware.

@@ -18,7 +18,7 @@ from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.errors import LogError
 from quadid_logs.load import read_log
 from quadid_logs.maths.rotations import euler_from_quaternion, quaternion_rate
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.vocabulary import AXES
 from tests.align.flights import align, flight_log, signal
 from tests.conftest import corpus_logs

@@ -7,11 +7,11 @@ import hashlib
 
 import numpy as np
 
-from quadid_logs.fleet.log_files import LogFile
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import ANALYZED, UNREADABLE
-from quadid_logs.fleet.store import Store
-from quadid_logs.fleet.tasks import Outcome, Task, failure
+from quadid_logs.fleets.log_files import LogFile
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.rows import ANALYZED, UNREADABLE
+from quadid_logs.fleets.store import Store
+from quadid_logs.fleets.tasks import Outcome, Task, failure
 from quadid_logs.vocabulary import AXES
 
 FIRST = datetime.datetime(2026, 3, 1, 12, tzinfo=datetime.UTC)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quadid_logs.fleet.changes import (
+from quadid_logs.fleets.changes import (
     FALSE_ALARMS,
     ScatterPrior,
     Series,

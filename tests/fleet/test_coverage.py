@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from quadid_logs.fleet.coverage import coverage_of, coverage_words
+from quadid_logs.fleets.coverage import coverage_of, coverage_words
 
 
 def test_reasons_that_block_as_many_axes_are_named_in_one_order() -> None:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from quadid_logs.fleet.changes import Series, count_tests
-from quadid_logs.fleet.disagreement import find_disagreements, n_disagreement_tests
+from quadid_logs.fleets.changes import Series, count_tests
+from quadid_logs.fleets.disagreement import find_disagreements, n_disagreement_tests
 from tests.fleet.synthetic_store import make_store, scaled
 from tests.fleet.test_history import report
 

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from quadid_logs.cli import main
-from quadid_logs.fleet.history import read_fleet
+from quadid_logs.fleets.history import read_fleet
 from tests.fleet.synthetic_store import FIRST, make_store, scaled
 
 NAMES = ("quad-1", "quad-2")

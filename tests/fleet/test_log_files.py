@@ -12,11 +12,11 @@ import fsspec
 import pytest
 
 from quadid_logs.errors import LogError, LogNotFoundError
-from quadid_logs.fleet import log_files
-from quadid_logs.fleet.log_files import FetchError, LogFile, fetched, find_logs, without_secrets
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.tasks import Task
-from quadid_logs.fleet.work import work
+from quadid_logs.fleets import log_files
+from quadid_logs.fleets.log_files import FetchError, LogFile, fetched, find_logs, without_secrets
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.tasks import Task
+from quadid_logs.fleets.work import work
 
 
 @pytest.fixture

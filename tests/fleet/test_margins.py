@@ -11,13 +11,13 @@ import pytest
 from quadid_logs.autopilots import named
 from quadid_logs.cli import main
 from quadid_logs.control.scaled_loop import scaled_loops
-from quadid_logs.fleet.history import read_fleet
-from quadid_logs.fleet.log_files import LogFile
-from quadid_logs.fleet.naming import NamingRules
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import result_rows
-from quadid_logs.fleet.store import DATABASE, Store, read_rows
-from quadid_logs.fleet.tasks import Outcome
+from quadid_logs.fleets.history import read_fleet
+from quadid_logs.fleets.log_files import LogFile
+from quadid_logs.fleets.naming import NamingRules
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.rows import result_rows
+from quadid_logs.fleets.store import DATABASE, Store, read_rows
+from quadid_logs.fleets.tasks import Outcome
 from tests.directed_flights import vehicle, with_gains
 from tests.fleet.synthetic_store import make_store
 

@@ -10,8 +10,8 @@ import pytest
 
 from quadid_logs.data.log import FlightLog, LoggedSystem
 from quadid_logs.errors import SettingsError
-from quadid_logs.fleet.log_files import LogFile
-from quadid_logs.fleet.naming import NamingRules, clock_zero, identify_unread, identify_vehicle, number_in
+from quadid_logs.fleets.log_files import LogFile
+from quadid_logs.fleets.naming import NamingRules, clock_zero, identify_unread, identify_vehicle, number_in
 
 SOURCE = LogFile(url="/data/quad-07/2026-05-01/00000012.BIN", n_bytes=10, modified_s=1.75e9)
 BUILT = "(ardupilot quad X)"

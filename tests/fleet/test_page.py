@@ -7,7 +7,7 @@ import re
 import pytest
 
 from quadid_logs.cli import main
-from quadid_logs.fleet.history import read_fleet
+from quadid_logs.fleets.history import read_fleet
 from tests import chromium
 from tests.fleet.synthetic_store import make_store
 from tests.report.test_accessibility import RUN, axe  # noqa: F401 - a fixture

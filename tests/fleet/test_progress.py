@@ -7,14 +7,14 @@ from collections import Counter
 import pytest
 
 from quadid_logs.cli.fleet import FleetProgress
-from quadid_logs.fleet.run import KNOWN, Tally
+from quadid_logs.fleets.run import KNOWN, Tally
 from tests.terminal import Terminal
 
 
 @pytest.fixture
 def tally(monkeypatch):
     """Ten of forty logs after five seconds, two of them known before."""
-    monkeypatch.setattr("quadid_logs.fleet.run.time.monotonic", lambda: 105.0)
+    monkeypatch.setattr("quadid_logs.fleets.run.time.monotonic", lambda: 105.0)
     return Tally(
         n_logs=40,
         began_s=100.0,

@@ -10,11 +10,11 @@ import os
 import pytest
 
 from quadid_logs.cli import main
-from quadid_logs.fleet.log_files import LogFile
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import UNREADABLE
-from quadid_logs.fleet.store import Store
-from quadid_logs.fleet.tasks import Task, failure
+from quadid_logs.fleets.log_files import LogFile
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.rows import UNREADABLE
+from quadid_logs.fleets.store import Store
+from quadid_logs.fleets.tasks import Task, failure
 from tests.fleet.synthetic_store import make_store
 
 

@@ -22,10 +22,10 @@ from benchmarks.fleet_cluster import LoopbackCluster, s3_server
 from benchmarks.fleet_rows import n_logs_of, rows_of
 from quadid_logs.cli import main
 from quadid_logs.errors import OutputError, SettingsError
-from quadid_logs.fleet.engine import Cluster
-from quadid_logs.fleet.log_files import find_logs
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.run import KNOWN, run_fleet
+from quadid_logs.fleets.engine import Cluster
+from quadid_logs.fleets.log_files import find_logs
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.run import KNOWN, run_fleet
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # sockets of the cluster's own libraries
 
@@ -207,7 +207,7 @@ def test_logs_come_from_an_object_store(undisturbed, logs, tmp_path, monkeypatch
 #: Python imports this wherever it starts, so in every process that analyzes: some logs are poison.
 POISON = """
 import os, signal, time
-from quadid_logs.fleet import work
+from quadid_logs.fleets import work
 
 whole = work.analyze_flights
 
@@ -334,13 +334,13 @@ def test_no_time_at_all_and_no_end_at_all_are_refused(logs, tmp_path, capsys, li
 
 def test_a_worker_with_another_version_stops_the_run(no_log, tmp_path, monkeypatch):
     """Its numbers would not fit the others."""
-    monkeypatch.setattr("quadid_logs.fleet.run.Task", _old_task)
+    monkeypatch.setattr("quadid_logs.fleets.run.Task", _old_task)
     with pytest.raises(SettingsError, match=r"same version"):
         run_fleet(find_logs([str(no_log)]), tmp_path / "store", Options(), Cluster(workers=1))
 
 
 def _old_task(**keywords):
-    from quadid_logs.fleet.tasks import Task
+    from quadid_logs.fleets.tasks import Task
 
     return Task(**keywords, version="0.0.1")
 
@@ -380,7 +380,7 @@ def test_a_failure_of_the_worker_is_a_row(one_log, tmp_path):
 
 #: Imported wherever Python starts: the disk is full.
 FULL = """
-from quadid_logs.fleet import work
+from quadid_logs.fleets import work
 
 def fetched(file, max_bytes):
     raise OSError(28, "No space left on device")

@@ -12,11 +12,11 @@ import pytest
 from benchmarks.fleet_rows import rows_of
 from quadid_logs.cli import main
 from quadid_logs.errors import OutputError, QuadidError, SettingsError
-from quadid_logs.fleet.log_files import LogFile
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import COLUMNS, LOST, UNREADABLE, schema
-from quadid_logs.fleet.store import DATABASE, Store, count_verdicts, read_rows, read_table
-from quadid_logs.fleet.tasks import Outcome, Task, failure
+from quadid_logs.fleets.log_files import LogFile
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.rows import COLUMNS, LOST, UNREADABLE, schema
+from quadid_logs.fleets.store import DATABASE, Store, count_verdicts, read_rows, read_table
+from quadid_logs.fleets.tasks import Outcome, Task, failure
 from tests.fleet.synthetic_store import make_store
 
 
@@ -91,7 +91,7 @@ def test_another_version_does_the_work_again_and_replaces_its_rows(store, monkey
     """Numbers of two versions are not mixed, whatever the log is called now."""
     store.take(outcome("/a.bin"))
     for module in ("store", "rows", "work"):
-        monkeypatch.setattr(f"quadid_logs.fleet.{module}.__version__", "9.9.9")
+        monkeypatch.setattr(f"quadid_logs.fleets.{module}.__version__", "9.9.9")
     with Store(store.folder, Options(), resume=True) as again:
         assert again.known(LogFile(url="/a.bin", n_bytes=10)) == ()
         again.take(outcome("/b.bin"))

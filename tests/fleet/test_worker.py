@@ -13,11 +13,11 @@ import psutil
 import pytest
 from pebble import ProcessExpired
 
-from quadid_logs.fleet.log_files import LogFile
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import LOST, UNREADABLE, result_rows
-from quadid_logs.fleet.tasks import Task
-from quadid_logs.fleet.worker import AnalysisPool, ProcessDiedError
+from quadid_logs.fleets.log_files import LogFile
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.rows import LOST, UNREADABLE, result_rows
+from quadid_logs.fleets.tasks import Task
+from quadid_logs.fleets.worker import AnalysisPool, ProcessDiedError
 from quadid_logs.pipeline import judge
 from tests.tuned_flights import flown
 

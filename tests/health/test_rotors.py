@@ -14,10 +14,10 @@ from quadid_logs.health import health_of
 from quadid_logs.health.rotors import _axes_change
 from quadid_logs.load import prepare
 from quadid_logs.maths.self_normalised import Change, Difference
-from quadid_logs.simulate import fly, plan_flights
-from quadid_logs.simulate.effects import Effects
-from quadid_logs.simulate.logger import Logging, log_flights
-from quadid_logs.simulate.scenarios import SCENARIOS
+from quadid_logs.simulator import fly, plan_flights
+from quadid_logs.simulator.effects import Effects
+from quadid_logs.simulator.logger import Logging, log_flights
+from quadid_logs.simulator.scenarios import SCENARIOS
 from tests.marks import thorough
 
 #: Betaflight counts rear right, front right, rear left, front left; the others front right, rear left, front

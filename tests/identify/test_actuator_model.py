@@ -32,14 +32,14 @@ from quadid_logs.identify.structures import DAMPED, STRUCTURES, Structure
 from quadid_logs.identify.torque_errors import battery_errors, sampling_errors
 from quadid_logs.load import prepare
 from quadid_logs.maths.band import angular_frequency, notch_response
-from quadid_logs.simulate import SCENARIOS, fly, plan_flights
-from quadid_logs.simulate.airframes import Battery
-from quadid_logs.simulate.closed_loop import Noise
-from quadid_logs.simulate.effects import Effects
-from quadid_logs.simulate.logger import Logging, log_flights
-from quadid_logs.simulate.manoeuvres import doublets
-from quadid_logs.simulate.scenarios import Scenario, slow_motors, with_products
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import SCENARIOS, fly, plan_flights
+from quadid_logs.simulator.airframes import Battery
+from quadid_logs.simulator.closed_loop import Noise
+from quadid_logs.simulator.effects import Effects
+from quadid_logs.simulator.logger import Logging, log_flights
+from quadid_logs.simulator.manoeuvres import doublets
+from quadid_logs.simulator.scenarios import Scenario, slow_motors, with_products
+from quadid_logs.simulator.truth import flight_truth
 
 from .vehicles import QUAD, multisine
 from .vehicles import fly as fly_plainly

@@ -8,11 +8,11 @@ from quadid_logs.align import cut
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify import identify
 from quadid_logs.load import prepare
-from quadid_logs.simulate import Scenario, fly, manoeuvres, plan_flights
-from quadid_logs.simulate.airframes import quad_x, scaled
-from quadid_logs.simulate.effects import Effects
-from quadid_logs.simulate.logger import Logging, log_flights
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import Scenario, fly, manoeuvres, plan_flights
+from quadid_logs.simulator.airframes import quad_x, scaled
+from quadid_logs.simulator.effects import Effects
+from quadid_logs.simulator.logger import Logging, log_flights
+from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 

@@ -17,11 +17,11 @@ from quadid_logs.identify.first_stage import FirstStage, first_stage, with_stron
 from quadid_logs.identify.instruments import from_attitude, held_by_attitude
 from quadid_logs.load import prepare
 from quadid_logs.planning import _airframe, _manoeuvre, make_plan
-from quadid_logs.simulate import Scenario, plan_flights
-from quadid_logs.simulate import fly as fly_setup
-from quadid_logs.simulate.effects import Effects
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import Scenario, plan_flights
+from quadid_logs.simulator import fly as fly_setup
+from quadid_logs.simulator.effects import Effects
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.truth import flight_truth
 
 from .vehicles import QUAD, fly, multisine
 

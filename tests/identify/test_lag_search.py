@@ -23,13 +23,13 @@ from quadid_logs.identify.actuator_model import FitProblem, _Search
 from quadid_logs.identify.design import build_design
 from quadid_logs.identify.structures import DAMPED, Structure
 from quadid_logs.load import prepare
-from quadid_logs.simulate import Scenario, fly, plan_flights
-from quadid_logs.simulate.airframes import quad_x
-from quadid_logs.simulate.effects import Effects
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.manoeuvres import doublets
-from quadid_logs.simulate.sweep import Sweep, sweeps_in_turn
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import Scenario, fly, plan_flights
+from quadid_logs.simulator.airframes import quad_x
+from quadid_logs.simulator.effects import Effects
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.manoeuvres import doublets
+from quadid_logs.simulator.sweep import Sweep, sweeps_in_turn
+from quadid_logs.simulator.truth import flight_truth
 from tests.marks import thorough
 
 from .vehicles import QUAD, multisine

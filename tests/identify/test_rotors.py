@@ -11,7 +11,7 @@ from quadid_logs.data.settings import AlignSettings, IdentifySettings
 from quadid_logs.identify import identify
 from quadid_logs.identify.rotors import Rotors, lagged_speeds
 from quadid_logs.load import prepare
-from quadid_logs.simulate import Simulation, simulate
+from quadid_logs.simulator import Simulation, simulate
 
 from .vehicles import QUAD, fly, multisine
 

@@ -12,10 +12,10 @@ from quadid_logs.data.settings import AlignSettings
 from quadid_logs.identify.spectral_effects import fit_by_spectra
 from quadid_logs.load import prepare
 from quadid_logs.maths.normal import NORMAL_95
-from quadid_logs.simulate import fly, plan_flights
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.scenarios import SCENARIOS
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import fly, plan_flights
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.scenarios import SCENARIOS
+from quadid_logs.simulator.truth import flight_truth
 
 
 @pytest.mark.parametrize("seed", [1, 7])

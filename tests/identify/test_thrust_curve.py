@@ -24,7 +24,7 @@ from quadid_logs.identify.thrust_curve import (
     shifted,
 )
 from quadid_logs.load import load, prepare
-from quadid_logs.simulate import Simulation, simulate
+from quadid_logs.simulator import Simulation, simulate
 
 #: As quad 450 is, for people who know no more of their vehicle.
 VEHICLE = Vehicle(mass_kg=1.5, arm_length_m=0.225, torque_to_thrust_m=0.016)

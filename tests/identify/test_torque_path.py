@@ -15,7 +15,7 @@ from quadid_logs.data.model import TorquePath
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify.torque_path import torque_path
 from quadid_logs.load import load
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.writers import write_log
 from tests.marks import thorough
 

@@ -20,7 +20,7 @@ from quadid_logs.identify.structural import with_unseen_damping
 from quadid_logs.identify.structures import DAMPED
 from quadid_logs.identify.terms import YAW_REACTION
 from quadid_logs.load import prepare
-from quadid_logs.simulate import Simulation, simulate
+from quadid_logs.simulator import Simulation, simulate
 
 from .vehicles import PERIOD_S, QUAD, fly, multisine
 

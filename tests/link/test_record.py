@@ -20,7 +20,7 @@ from quadid_logs.link.record import Recorder
 from quadid_logs.link.ulog_stream import ULogStream
 from quadid_logs.load import read_log
 from quadid_logs.pipeline import analyze
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.vocabulary import AXES, ON_AXIS
 from quadid_logs.writers import write_log
 from tests.link.fake_logger import BLOCKS, FRAMES, US, FakeLogger, dialect, ulog_messages, whole_messages

@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from quadid_logs.errors import OutputError, SettingsError
-from quadid_logs.fleet.log_files import LogFile
-from quadid_logs.fleet.options import Options
-from quadid_logs.fleet.rows import failure_row
-from quadid_logs.fleet.tasks import Outcome
+from quadid_logs.fleets.log_files import LogFile
+from quadid_logs.fleets.options import Options
+from quadid_logs.fleets.rows import failure_row
+from quadid_logs.fleets.tasks import Outcome
 from quadid_logs.serve import schedule as schedule_module
 from quadid_logs.serve.entries import Entry, Kind, State, log_entry, question
 from quadid_logs.serve.jobs import Done, Job

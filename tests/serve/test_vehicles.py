@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from quadid_logs.fleet.history import read_fleet
-from quadid_logs.fleet.log_files import LogFile
-from quadid_logs.fleet.rows import judged_as
-from quadid_logs.fleet.tasks import Outcome
+from quadid_logs.fleets.history import read_fleet
+from quadid_logs.fleets.log_files import LogFile
+from quadid_logs.fleets.rows import judged_as
+from quadid_logs.fleets.tasks import Outcome
 from quadid_logs.serve.jobs import Done
 from tests.fleet.synthetic_store import make_store
 from tests.serve.asgi import SHA, Site, site

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from quadid_logs.simulate import closed_loop
+from quadid_logs.simulator import closed_loop
 
 
 @pytest.fixture

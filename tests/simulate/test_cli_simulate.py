@@ -11,7 +11,7 @@ from quadid_logs.cli.paper import paper
 from quadid_logs.cli.simulate import simulate
 from quadid_logs.errors import OutputError, SettingsError, SimulationError
 from quadid_logs.load import read_log
-from quadid_logs.simulate import SCENARIOS
+from quadid_logs.simulator import SCENARIOS
 
 
 def test_the_list_has_a_line_per_scenario(capsys):

@@ -11,10 +11,10 @@ from quadid_logs.autopilots.ardupilot.frames import frame_geometry, known_frames
 from quadid_logs.errors import SimulationError
 from quadid_logs.maths.frames import torque_matrix
 from quadid_logs.maths.rotational_dynamics import inertia_terms
-from quadid_logs.simulate import SCENARIOS, fly, fly_many, plan_flights
-from quadid_logs.simulate.airframes import SimulatedAirframe, layout, quad_x
-from quadid_logs.simulate.closed_loop import Noise, mixer_factors, torque_gain
-from quadid_logs.simulate.control import (
+from quadid_logs.simulator import SCENARIOS, fly, fly_many, plan_flights
+from quadid_logs.simulator.airframes import SimulatedAirframe, layout, quad_x
+from quadid_logs.simulator.closed_loop import Noise, mixer_factors, torque_gain
+from quadid_logs.simulator.control import (
     Mixer,
     arithmetic,
     butterworth,
@@ -23,9 +23,9 @@ from quadid_logs.simulate.control import (
     throttle_for_thrust,
     thrust_of_throttle,
 )
-from quadid_logs.simulate.plant import Body, advance, at_rest
-from quadid_logs.simulate.truth import torque_per_command
-from quadid_logs.simulate.wind import Wind, dryden_wind
+from quadid_logs.simulator.plant import Body, advance, at_rest
+from quadid_logs.simulator.truth import torque_per_command
+from quadid_logs.simulator.wind import Wind, dryden_wind
 from tests.marks import thorough, thorough_but
 
 TAILS = ((1, 4), (1, 5))

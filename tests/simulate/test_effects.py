@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from quadid_logs.maths.rotations import quaternion_from_euler
-from quadid_logs.simulate import fly, fly_many
-from quadid_logs.simulate.airframes import quad_x
-from quadid_logs.simulate.closed_loop import _body, torque_gain
-from quadid_logs.simulate.control import arithmetic
-from quadid_logs.simulate.effects import (
+from quadid_logs.simulator import fly, fly_many
+from quadid_logs.simulator.airframes import quad_x
+from quadid_logs.simulator.closed_loop import _body, torque_gain
+from quadid_logs.simulator.control import arithmetic
+from quadid_logs.simulator.effects import (
     FIELDS,
     Actuation,
     Effects,
@@ -23,9 +23,9 @@ from quadid_logs.simulate.effects import (
     disturbance,
     with_outliers,
 )
-from quadid_logs.simulate.logger import Logging, log_flights
-from quadid_logs.simulate.plant import advance, at_rest
-from quadid_logs.simulate.truth import actuator_truth, flight_truth, torque_per_command
+from quadid_logs.simulator.logger import Logging, log_flights
+from quadid_logs.simulator.plant import advance, at_rest
+from quadid_logs.simulator.truth import actuator_truth, flight_truth, torque_per_command
 from tests.marks import thorough
 from tests.simulate.test_closed_loop import SILENT, body_of, manoeuvre, setup_of
 
@@ -310,7 +310,7 @@ def test_a_batch_with_effects_flies_what_its_members_fly_alone():
 
 def test_a_bent_propeller_shakes_the_gyro_more_than_the_others_and_at_its_own_speed():
     """One model of imbalance: every rotor has its line, and the bent one adds to its own."""
-    from quadid_logs.simulate.faults import RotorVibration
+    from quadid_logs.simulator.faults import RotorVibration
 
     speeds = tuple(2.0 * np.pi * hz for hz in (60.0, 70.0, 80.0, 90.0))
     vibration = RotorVibration([Effects(bent_propeller=2)], [0.1], 4, 1000.0)

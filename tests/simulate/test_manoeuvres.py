@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.simulate import manoeuvres
-from quadid_logs.simulate.sweep import Sweep, sweep_wave
+from quadid_logs.simulator import manoeuvres
+from quadid_logs.simulator.sweep import Sweep, sweep_wave
 
 TIME_S = np.arange(0.0, 60.0, 0.0025)
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.simulate.paper_experiment import (
+from quadid_logs.simulator.paper_experiment import (
     PUBLISHED_B,
     SAMPLE_S,
     run_experiment,
 )
-from quadid_logs.simulate.paper_page import angle_turned, figures, page_text, windows_csv
+from quadid_logs.simulator.paper_page import angle_turned, figures, page_text, windows_csv
 
 
 @pytest.fixture(scope="module")

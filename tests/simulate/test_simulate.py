@@ -8,9 +8,9 @@ import pytest
 from quadid_logs.data.vehicle import Rotor, Vehicle
 from quadid_logs.errors import SimulationError
 from quadid_logs.maths.rotations import quaternion_from_euler, rotation_matrix
-from quadid_logs.simulate import Damage, damage_bytes, simulate
-from quadid_logs.simulate.closed_loop import SPIN_MAX, SPIN_MIN
-from quadid_logs.simulate.control import throttle_for_thrust
+from quadid_logs.simulator import Damage, damage_bytes, simulate
+from quadid_logs.simulator.closed_loop import SPIN_MAX, SPIN_MIN
+from quadid_logs.simulator.control import throttle_for_thrust
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,11 @@ import pytest
 
 from quadid_logs.data.result import Result
 from quadid_logs.pipeline import analyze
-from quadid_logs.simulate import fly, plan_flights
-from quadid_logs.simulate.effects import Effects
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.scenarios import SCENARIOS
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import fly, plan_flights
+from quadid_logs.simulator.effects import Effects
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.scenarios import SCENARIOS
+from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 pytestmark = pytest.mark.usefixtures("verdicts_only")

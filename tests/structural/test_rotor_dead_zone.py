@@ -18,10 +18,10 @@ from quadid_logs.data.settings import Settings
 from quadid_logs.identify.structural import _EquationRows, _Extended, _Found, _Lost, is_seen
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
-from quadid_logs.simulate import SCENARIOS, fly, plan_flights, simulate
-from quadid_logs.simulate.effects import Effects
-from quadid_logs.simulate.logger import log_flights
-from quadid_logs.simulate.truth import flight_truth
+from quadid_logs.simulator import SCENARIOS, fly, plan_flights, simulate
+from quadid_logs.simulator.effects import Effects
+from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.vocabulary import AXES, ON_AXIS
 from tests.marks import thorough
 from tests.structural.test_seen_effects import ROLL, YAW, check, widened

@@ -13,8 +13,8 @@ from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.errors import OutputError, SimulationError
 from quadid_logs.load import read_log
 from quadid_logs.pipeline import analyze
-from quadid_logs.simulate import Simulation, find_scenario, plan_flights, simulate
-from quadid_logs.simulate.vendors import motor_order
+from quadid_logs.simulator import Simulation, find_scenario, plan_flights, simulate
+from quadid_logs.simulator.vendors import motor_order
 from quadid_logs.vocabulary import ON_AXIS
 from quadid_logs.writers import write_log
 

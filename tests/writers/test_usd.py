@@ -12,7 +12,7 @@ import pytest
 
 from quadid_logs.data.log import FlightLog
 from quadid_logs.load import read_log
-from quadid_logs.simulate import simulate
+from quadid_logs.simulator import simulate
 from quadid_logs.writers.usd_writer import write_usd
 from tests.containers import usd_maker as maker
 
