@@ -14,6 +14,7 @@ import numpy as np
 
 from quadid_logs.autopilots import named
 from quadid_logs.control.autotune import forecast
+from quadid_logs.control.closed_loop import open_loop
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.documented import within_documented
 from quadid_logs.control.first_step import first_step
@@ -26,7 +27,7 @@ from quadid_logs.control.recommend import Axis, FilterWishes, tune_axes
 from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.control.what_if import what_if
 from quadid_logs.data.autotune import AutotuneForecast
-from quadid_logs.data.closed_loop import AxisLoop, LoopMargins
+from quadid_logs.data.closed_loop import AxisLoop, LoopCurve, LoopMargins
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.health import Line, LineSource
@@ -244,6 +245,35 @@ def what_if_grids(result: Result, tuning: Tuning) -> Mapping[str, WhatIf]:
         if grid is not None:
             grids[axis] = grid
     return grids
+
+
+def next_loops(result: Result, tuning: Tuning) -> Mapping[str, LoopCurve]:
+    """Compute the open loops with the recommended gains and filters.
+
+    Parameters
+    ----------
+    result : Result
+    tuning : Tuning
+        Of `recommend`.
+
+    Returns
+    -------
+    mapping of str to LoopCurve
+        By axis, of those that change by what a model says; around the vehicles of the next flight, as the
+        promised margins are.
+    """
+    parameters = flown_parameters(result.log, result.data)
+    loops = {} if result.closed_loop is None else result.closed_loop.axes
+    curves = {}
+    for axis, found in tuning.axes.items():
+        loop = loops.get(axis)
+        if not found.changes or loop is None or loop.plants is None:
+            continue
+        following = {name: one.next for name, one in found.changes.items()}
+        controller = _rebuilt(result, parameters, axis, following)
+        if controller is not None:
+            curves[axis] = open_loop(controller, of_next_flight(loop.plants), loop.known_hz)
+    return curves
 
 
 def _filter_wishes(result: Result, parameters: Mapping[str, float]) -> FilterWishes:

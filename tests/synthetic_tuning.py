@@ -64,4 +64,9 @@ def synthetic_tune_page() -> str:
     yaw = AxisTuning(verdict="refused", reasons=_told("QL614", "yaw", known_to_hz=5.0), now=_margins(9.0))
     tuning = Tuning(axes={"roll": roll, "pitch": pitch, "yaw": yaw}, limits=GOOD)
     nowhere = Provenance(version="0", command="quadid-log tune flight.bin", log_sha256="")
-    return tune_page(usable_result(), tuning, nowhere, grids={"roll": _grid(), "pitch": _grid()})
+    result = usable_result()
+    assert result.closed_loop is not None
+    curve = result.closed_loop.axes["roll"].curve
+    assert curve is not None
+    grids = {"roll": _grid(), "pitch": _grid()}
+    return tune_page(result, tuning, nowhere, grids=grids, following={"roll": curve})

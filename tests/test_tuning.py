@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import html
 import itertools
 import json
 import math
@@ -38,7 +41,7 @@ from quadid_logs.report.tune_card import flight_files
 from quadid_logs.report.tune_page import tune_page
 from quadid_logs.report.tune_view import tune_view
 from quadid_logs.report.tuning_json import tuning_text
-from quadid_logs.tuning import autotune_forecasts, recommend, tuning_of, what_if_grids
+from quadid_logs.tuning import autotune_forecasts, next_loops, recommend, tuning_of, what_if_grids
 from quadid_logs.vocabulary import AXES
 from tests.analyses import Analyzed
 from tests.control.loop_flights import Vehicle
@@ -701,6 +704,41 @@ def test_the_page_draws_the_step_that_the_log_shows_beside_the_computed_ones(rai
     assert "Dotted: measured in this flight" in shown
     assert '<polyline class="measured"' not in page(None)
     assert "Dotted" not in page(None)
+
+
+def test_the_open_loop_that_is_drawn_has_the_promised_margins(raised: Tuning) -> None:
+    """Read off as a pilot reads them: phase where the gain passes 0 dB, gain where the phase passes -180."""
+    promised = raised.axes["roll"].next
+    assert promised is not None
+    assert promised.full is not None
+    assert promised.full.phase_margin_deg is not None
+    assert promised.full.gain_margin_db is not None
+    drawn = next_loops(flown("ardupilot"), raised)["roll"]
+    gain_db = 20.0 * np.log10(np.abs(drawn.response))
+    phase_deg = np.degrees(np.unwrap(np.angle(drawn.response)))
+    phase_deg -= 360.0 * np.round((phase_deg[np.argmin(np.abs(gain_db))] + 120.0) / 360.0)
+    # The last place where it falls below.
+    at_0_db = float(np.interp(0.0, -gain_db, phase_deg))
+    falling = np.flatnonzero((phase_deg[:-1] > -180.0) & (phase_deg[1:] <= -180.0))[-1]
+    part = (phase_deg[falling] + 180.0) / (phase_deg[falling] - phase_deg[falling + 1])
+    at_180 = gain_db[falling] + part * (gain_db[falling + 1] - gain_db[falling])
+    assert 180.0 + at_0_db == pytest.approx(promised.full.phase_margin_deg.value, abs=0.5)
+    assert -at_180 == pytest.approx(promised.full.gain_margin_db.value, abs=0.2)
+
+
+def test_the_page_draws_the_open_loop_and_lets_only_its_own_scripts_run(raised: Tuning) -> None:
+    """Three of them; without a loop to draw no library for charts is in it."""
+    result = flown("ardupilot")
+    page = tune_page(
+        result, raised, NOWHERE, grids=what_if_grids(result, raised), following=next_loops(result, raised)
+    )
+    assert 'id="chart-next-loop"' in page
+    policy = html.unescape(page).split("script-src ")[1].split(";")[0]
+    runnable = [part.partition("</script>")[0] for part in page.split("<script>")[1:]]
+    hashes = [base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in runnable]
+    assert len(hashes) == 2
+    assert all(one in policy for one in hashes)
+    assert "chart-next-loop" not in tune_page(result, raised, NOWHERE)
 
 
 def test_the_page_shows_flown_gains_to_four_digits(raised: Tuning) -> None:

@@ -31,13 +31,12 @@ from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from quadid_logs.data.autotune import AutotuneForecast
     from quadid_logs.data.off_nominal import Ranges
     from quadid_logs.data.result import EarlierFlight, Result
     from quadid_logs.data.tuning import Limits, Tuning
-    from quadid_logs.data.what_if import WhatIf
     from quadid_logs.report.provenance import Provenance
     from quadid_logs.report.tune_view import TuneView
 
@@ -127,8 +126,8 @@ def tune(
     from quadid_logs.pipeline import analyze
     from quadid_logs.report.provenance import provenance_of
     from quadid_logs.report.tune_folder import check_tune_folder, tune_folder
-    from quadid_logs.report.tune_page import PAGE_FILE
-    from quadid_logs.tuning import autotune_forecasts, recommend, what_if_grids
+    from quadid_logs.report.tune_page import PAGE_FILE, tune_page
+    from quadid_logs.tuning import autotune_forecasts, next_loops, recommend, what_if_grids
     from quadid_logs.vehicle_file import read_vehicle
 
     limits = _limits(gain_margin_db, phase_margin_deg)
@@ -153,8 +152,13 @@ def tune(
         progress("tune")
         tuning = recommend(result, limits, apart=apart, filters=filters, ranges=ranges)
         forecasts = autotune_forecasts(result, tuning)
-        grids = what_if_grids(result, tuning)
-    text, written, removed = _write(result, tuning, provenance, folder, forecasts, grids)
+        page = partial(
+            tune_page,
+            forecasts=forecasts,
+            grids=what_if_grids(result, tuning),
+            following=next_loops(result, tuning),
+        )
+    text, written, removed = _write(result, tuning, provenance, folder, forecasts, page)
     if as_json:
         say(text.rstrip("\n"))
     elif not quiet:
@@ -198,7 +202,7 @@ def _write(
     provenance: Provenance,
     folder: Path,
     forecasts: Mapping[str, tuple[AutotuneForecast, ...]],
-    grids: Mapping[str, WhatIf],
+    page: Callable[[Result, Tuning, Provenance], str],
 ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """Write page, JSON and parameter files; return the JSON, what was written, and what was removed."""
     from quadid_logs.promise import promise_of
@@ -206,7 +210,7 @@ def _write(
     from quadid_logs.report.promise_file import PROMISE_FILE, promise_text
     from quadid_logs.report.tune_card import flight_files
     from quadid_logs.report.tune_folder import JSON_FILE, write_tuning
-    from quadid_logs.report.tune_page import PAGE_FILE, tune_page
+    from quadid_logs.report.tune_page import PAGE_FILE
     from quadid_logs.report.tuning_json import tuning_text
 
     texts = {**gain_files(result, tuning), **flight_files(result, tuning)}
@@ -214,7 +218,7 @@ def _write(
     if promised is not None:
         texts[PROMISE_FILE] = promise_text(promised, provenance)
     files = {name: text.encode() for name, text in texts.items()}
-    files[PAGE_FILE] = tune_page(result, tuning, provenance, forecasts, grids).encode()
+    files[PAGE_FILE] = page(result, tuning, provenance).encode()
     names = tuple(sorted((*files, JSON_FILE)))
     text = tuning_text(result, tuning, provenance, names, forecasts, folder.name)
     files[JSON_FILE] = text.encode("ascii")

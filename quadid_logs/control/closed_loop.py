@@ -229,6 +229,24 @@ def loop_around(controller: AxisController, plants: Plant, known_hz: float) -> t
     return _margins(controller, plants, loop, known_hz), _curve(loop, known_hz)
 
 
+def open_loop(controller: AxisController, plants: Plant, known_hz: float) -> LoopCurve:
+    """Return the open loop of a controller around vehicles, to draw.
+
+    Parameters
+    ----------
+    controller : AxisController
+    plants : Plant
+        The estimate, then vehicles drawn around it.
+    known_hz : float
+        Up to where measurement supports the model.
+
+    Returns
+    -------
+    LoopCurve
+    """
+    return _curve(close(controller, plants, fine_grid_hz(controller.period_s)), known_hz)
+
+
 class Vehicles(NamedTuple):
     """The vehicles that a flight allows about one axis, and what of them was measured.
 

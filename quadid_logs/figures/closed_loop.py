@@ -134,14 +134,14 @@ def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     curve, measured, name = found.curve, found.measured, axis.capitalize()
     if curve is None:
         return ()
-    x, model_rad = curve.frequency_hz, _phase(curve)
+    x, model_rad = curve.frequency_hz, phase_of(curve)
     points: tuple[Curve, ...] = ()
     angles: tuple[Curve, ...] = ()
     if measured is not None:
         at_hz = measured.frequency_hz
         points = (_points(at_hz, decibels(np.abs(measured.response))),)
         # Phases on the turn of the circle that lies nearest to the model's.
-        model = np.interp(at_hz, curve.frequency_hz, _phase(curve))
+        model = np.interp(at_hz, curve.frequency_hz, phase_of(curve))
         apart = np.angle(measured.response) - model
         nearest = model + np.mod(apart + np.pi, 2.0 * np.pi) - np.pi
         angles = (_points(at_hz, np.degrees(nearest)),)
@@ -181,7 +181,7 @@ def _interval(x: FloatArray, low: FloatArray, high: FloatArray) -> Ribbon:
     return Ribbon(label="95 % interval", x=x, low=low, high=high, role="interval")
 
 
-def _phase(curve: LoopCurve) -> FloatArray:
+def phase_of(curve: LoopCurve) -> FloatArray:
     """Return the model's phase [rad] on the turn of the circle that its interval lies on."""
     own = np.unwrap(np.angle(curve.response))
     middle = 0.5 * float(np.median(curve.phase_low + curve.phase_high))

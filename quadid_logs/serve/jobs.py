@@ -202,7 +202,7 @@ def _tune(job: Job, tell: Tell) -> Done:
     from quadid_logs.report.tune_page import tune_page
     from quadid_logs.report.tune_view import headline
     from quadid_logs.report.tuning_json import tuning_text
-    from quadid_logs.tuning import tuning_of
+    from quadid_logs.tuning import next_loops, tuning_of
 
     result, *earlier = (_result_of(job, which, tell)[1] for which in range(len(job.logs)))
     result = with_earlier(result, earlier)
@@ -213,7 +213,7 @@ def _tune(job: Job, tell: Tell) -> Done:
     promised = promise_of(result, tuning, job.sha256[0])
     if promised is not None:
         files[PROMISE_FILE] = promise_text(promised, provenance)
-    files[PAGE_FILE] = tune_page(result, tuning, provenance)
+    files[PAGE_FILE] = tune_page(result, tuning, provenance, following=next_loops(result, tuning))
     files["tune.json"] = tuning_text(result, tuning, provenance, tuple(sorted((*files, "tune.json"))))
     _write(job, files)
     return Done(summary={"headline": headline(tuning)})

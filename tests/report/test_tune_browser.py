@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -85,6 +86,22 @@ def test_a_combination_that_would_be_unstable_is_named(browser: chromium.Browser
         browser.key("ArrowDown")
     assert browser.run(WORDS) == "This loop would be unstable."
     assert browser.run("document.getElementById('what-if-after').getAttribute('points')") == ""
+
+
+def test_a_zoom_over_frequency_moves_gain_and_phase_of_all_axes(
+    browser: chromium.Browser, page: Path
+) -> None:
+    """A margin is read off both."""
+    browser.show(1280)
+    browser.open(page)
+    browser.run("document.getElementById('loop').scrollIntoView()")
+    chart = "document.getElementById('chart-next-loop')"
+    browser.wait(f"Boolean({chart}._fullLayout?.xaxis4)")
+    zoomed = {"xaxis.range[0]": 0.5, "xaxis.range[1]": 1.0}
+    browser.run(f"Plotly.relayout({chart}, {json.dumps(zoomed)}).then(() => null)")
+    for number in ("", 2, 3, 4):
+        assert browser.run(f"{chart}._fullLayout.xaxis{number}.range") == pytest.approx([0.5, 1.0])
+    assert browser.problems == []
 
 
 def test_another_axis_begins_with_what_flew(browser: chromium.Browser, page: Path) -> None:
