@@ -47,6 +47,12 @@ class Bifilar:
 
     The half widths are those of 95 % intervals; NaN of the mass takes half a per cent. ``span_m`` is the
     largest dimension across the axis, 0 to leave out the air that swings along.
+
+    Examples
+    --------
+    >>> hung = Bifilar(mass_kg=1.6, length_m=0.9, distance_m=0.4)
+    >>> round(hung.relative_half_width, 4)  # of the moment of inertia, by mass, strings and gravity
+    0.0077
     """
 
     mass_kg: float
