@@ -8,13 +8,17 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-#: What a verb is mostly called with, and where more is said about it.
+#: A typical call of each verb, and the page that explains it.
 EXAMPLES = {
     "analyze": ("quadid-log analyze flight.bin", "tutorials/ardupilot.md"),
     "compare": ("quadid-log compare before.bin after.bin", "tutorials/ardupilot.md"),
     "repeat": ("quadid-log repeat one.bin two.bin three.bin -o repeat", "repeat.md"),
     "swing": ("quadid-log swing swing.bin --mass 1.6 --length 0.9 --distance 0.4", "swing.md"),
-    "plan": ("quadid-log plan --autopilot ardupilot -o plan", "tutorials/ardupilot.md"),
+    "predict": ("quadid-log predict one.bin two.bin --on three.bin", "predict.md"),
+    "plan": ("quadid-log plan --autopilot ardupilot -o plan", "plan.md"),
+    "fetch": ("quadid-log fetch /dev/ttyACM0 --analyze", "fetch.md"),
+    "live": ("quadid-log live udp:14550", "live.md"),
+    "mcp": ("quadid-log mcp --allow logs/", "agents.md"),
     "tune": ("quadid-log tune flight.bin -o tune", "tune.md"),
     "check": ("quadid-log check next.bin --promise tune/flight", "tune.md"),
     "serve": ("quadid-log serve --open", "serve.md"),
@@ -50,8 +54,9 @@ def verb_page(name: str, command: Any) -> str:
     ]
     parts.append("\n".join(["| argument or option | |", "|---|---|", *rows]))
     parts.append(
-        "Exit codes, unless said otherwise: 0 done (of `analyze`: usable), 1 finished, but at least one axis "
-        "must not be trusted, 2 unreadable input or wrong usage. Nothing is overwritten without `--force`."
+        "If no exit codes are named above, these hold. 0: done (`analyze`: usable). 1: finished, but at "
+        "least one axis must not be trusted. 2: the input cannot be read, or the options are wrong. "
+        "Existing files are not overwritten without `--force`."
     )
     if more:
         parts.append(f"More: [{more.removesuffix('.md')}](../{more}).")
