@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from quadid_logs.pipeline import analyze
 from quadid_logs.simulator import SCENARIOS, simulate
 from quadid_logs.simulator.damage import damage_bytes
 from quadid_logs.writers import write_log
-from tests.analyses import Analyzed
 from tests.marks import thorough_but
 
 AXES = ("roll", "pitch", "yaw")
@@ -44,17 +44,15 @@ def test_every_scenario_flies_and_its_truth_is_json(name: str) -> None:
 
 @pytest.mark.parametrize("name", thorough_but(ANALYZED, sorted(SCENARIOS)))
 def test_a_usable_axis_has_the_true_gain_and_the_others_are_not_usable(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, analyzed_once: Analyzed
+    name: str, tmp_path: Path, verdicts_only: None
 ) -> None:
     """Truth -> file -> verdict: "usable" means within 5 %, and no axis beyond what its flight allows."""
     flight = simulate(name, seed=3, duration_s=FLIGHT_S * SCENARIOS[name].n_flights)
-    # By its name alone: what was found of the same bytes before is kept.
-    monkeypatch.chdir(tmp_path)
-    path = Path("flight.bin")
+    path = tmp_path / "flight.bin"
     write_log(flight.log, path)
     if flight.damage:
         path.write_bytes(damage_bytes(path.read_bytes(), flight.damage, seed=3))
-    result = analyzed_once(path)
+    result = analyze(path)
     truth = np.diag(np.array(flight.truth["models"]["damped"]["B"]))
     model = result.identification.recommended
     for number, axis in enumerate(AXES):

@@ -22,7 +22,7 @@ from quadid_logs.data.tuning import GOOD, AxisTuning, Limits
 from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.tuning import recommend
 from tests.marks import thorough
-from tests.tuned_flights import flown, with_log, with_parameters
+from tests.tuned_flights import flown, of_axes, with_log, with_parameters
 
 
 def on_log(**fields: Any) -> Callable[[Result], Result]:
@@ -303,7 +303,8 @@ def test_firmware_too_old_for_gains_is_told_to_be_updated(
 def test_a_sabotaged_flight_is_refused_by_name(name: str, ranges: Ranges) -> None:
     """Every one of these would make the promise of margins a lie."""
     code, sabotage = SABOTAGES[name]
-    found = recommend(sabotage(flown("ardupilot")), GOOD, ["roll"], ranges=ranges).axes["roll"]
+    result = sabotage(of_axes(flown("ardupilot"), "roll"))
+    found = recommend(result, GOOD, ["roll"], ranges=ranges).axes["roll"]
     assert found.verdict == "refused"
     assert code in [one.code for one in found.reasons]
     assert not found.gains

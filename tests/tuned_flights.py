@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import pytest
+
 from quadid_logs.align import cut
 from quadid_logs.autopilots import named
+from quadid_logs.control import closed_loop
 from quadid_logs.control.scaled_loop import scaled_loops
 from quadid_logs.data.controller import Replay
 from quadid_logs.data.log import FlightLog
@@ -77,8 +80,18 @@ def of_axes(result: Result, *axes: str) -> Result:
 
 
 def with_log(result: Result, log: FlightLog) -> Result:
-    """Return the result as if that log had been read: its loop is closed anew, its model is kept."""
-    loop = _closed_loop(log, result.data, result.identification, result.diagnosis, result.settings)
+    """Return the result as if that log had been read, of a stiff frame: its model is kept.
+
+    The loops of the axes that have one are closed anew. What bends is not looked for: it would be left out.
+    """
+    assert result.closed_loop is not None
+    verdicts = {axis: one for axis, one in result.diagnosis.axes.items() if axis in result.closed_loop.axes}
+    diagnosis = replace(result.diagnosis, axes=verdicts)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(closed_loop, "frame_modes", lambda *_, **__: None)
+        loop = _closed_loop(log, result.data, result.identification, diagnosis, result.settings)
+    if loop is not None:
+        loop = replace(loop, axes={axis: one for axis, one in loop.axes.items() if axis in verdicts})
     return stiff(replace(result, log=log, closed_loop=loop))
 
 

@@ -23,6 +23,7 @@ from quadid_logs.simulator import find_scenario, fly, plan_flights
 from quadid_logs.simulator.logger import Logging, log_flights
 from quadid_logs.simulator.truth import flight_truth
 from tests.analyses import Analyzed
+from tests.identify.structures import ACTUATED
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 RATE_HZ, AGE_S, NOISE_RAD_S = 200.0, 0.012, 8.0
@@ -60,7 +61,7 @@ def found(vehicle: Vehicle | None = None) -> Model:
     data = cut(read(vehicle), AlignSettings())
     assert data.input is not None
     assert data.input.source == "ESC.RPM squared"
-    model = identify(data, IdentifySettings()).recommended
+    model = identify(data, IdentifySettings(), ACTUATED).recommended
     assert model is not None
     return model
 
@@ -81,7 +82,7 @@ def test_the_thrust_curve_of_the_firmware_no_longer_matters() -> None:
 def test_no_expo_is_looked_for_in_measured_thrust() -> None:
     """It goes with the square of speed."""
     data = cut(read(), AlignSettings())
-    assert identify(data, IdentifySettings()).thrust_curve is None
+    assert identify(data, IdentifySettings(), ACTUATED).thrust_curve is None
 
 
 def test_inertia_follows_from_speeds_and_take_off_mass() -> None:
@@ -156,7 +157,7 @@ def test_speeds_that_predict_the_flight_worse_than_the_motor_commands_are_no_inp
 
 @pytest.mark.thorough
 def test_where_measured_speeds_are_no_input_the_effectiveness_is_right() -> None:
-    model = identify(cut(averaged_read(), AlignSettings()), IdentifySettings()).recommended
+    model = identify(cut(averaged_read(), AlignSettings()), IdentifySettings(), ACTUATED).recommended
     assert model is not None
     truth = np.diag(np.array(flown(2)[1]["models"]["damped"]["B"]))
     np.testing.assert_allclose(np.diag(model.B), truth, rtol=0.02)
@@ -167,7 +168,7 @@ def test_inertia_is_calibrated_by_the_motor_commands_where_they_are_the_input() 
     data = cut(prepare(averaged(), VEHICLE), AlignSettings())
     assert data.input is not None
     assert data.input.unit == "N m"
-    model = identify(data, IdentifySettings()).recommended
+    model = identify(data, IdentifySettings(), ACTUATED).recommended
     assert model is not None
     assert model.inertia is not None
     truth = np.diag(np.array(flown(2)[1]["vehicle"]["inertia_kg_m2"]))

@@ -24,7 +24,7 @@ from quadid_logs.report.tune_view import tune_view
 from quadid_logs.tuning import recommend
 from tests.analyses import Analyzed
 from tests.autopilots.test_betaflight_controller import HOVER, STICKS, true_plant
-from tests.tuned_flights import stiff, with_log
+from tests.tuned_flights import of_axes, stiff, with_log
 
 #: The flight has 47 degrees: with 45 to keep P and I go apart, with less to keep all gains go up together.
 BEARABLE = Limits(6.0, 40.0, 0.6)
@@ -162,7 +162,7 @@ def test_the_card_says_how_to_log_and_what_to_fly(sticks: Result, tuned: Tuning)
 def in_angle_mode(sticks: Result, **changes: object) -> Result:
     """Return the flight as if angle mode had been on."""
     modes = (ModeChange(time_s=sticks.data.segments[0].start_s, position=0, name="Angle"),)
-    return with_log(sticks, replace(sticks.log, modes=modes, **changes))
+    return with_log(of_axes(sticks, "roll"), replace(sticks.log, modes=modes, **changes))
 
 
 def test_an_angle_loop_whose_gain_no_header_tells_gives_no_gains(sticks: Result) -> None:

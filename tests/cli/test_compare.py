@@ -215,10 +215,12 @@ def test_a_full_temporary_folder_costs_no_comparison(
 
 
 def test_no_figure_of_an_earlier_comparison_is_left_beside_another_one(
-    analyzed: Callable[..., Path],
+    analyzed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing was compared, so nothing is drawn; the old picture would say otherwise."""
+    monkeypatch.setattr("quadid_logs.figures.png.write_png", lambda _figure, file: file.write(b"a picture"))
     assert main(["compare", "good.bin", "other.bin", "-o", "out"]) == 1
+    assert Path("out/compare.png").exists()
     assert main(["compare", "good.bin", "refused.bin", "-o", "out", "--force"]) == 3
     assert {path.name for path in Path("out").iterdir()} == {"compare.json", "compare.html"}
 
@@ -365,7 +367,9 @@ def test_a_page_without_any_comparison_says_so(flight: Result) -> None:
 
 
 def _with_parameters(result: Result, parameters: dict[str, float]) -> Result:
-    return replace(result, log=replace(result.log, autopilot="ardupilot", parameters=parameters))
+    """Return the result of a log with these parameters alone; without a loop, no gains are searched for."""
+    log = replace(result.log, autopilot="ardupilot", parameters=parameters)
+    return replace(result, log=log, closed_loop=None)
 
 
 def test_parameters_that_differ_are_told_with_both_values(flight: Result) -> None:

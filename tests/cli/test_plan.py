@@ -188,10 +188,15 @@ def test_the_sweep_starts_slow_ends_fast_and_fades() -> None:
     assert np.abs(wave).max() <= 0.1
 
 
+#: A heavier quadrotor, and its file.
+HEAVY = Vehicle(name="heavy", mass_kg=1.8)
+HEAVY_FILE = 'name = "heavy"\nmass_kg = 1.8\n'
+
+
 @pytest.fixture(scope="module")
 def yaw_flight() -> Prediction:
     """Return what the planned yaw sweep gives on a heavier quadrotor."""
-    return predict(make_plan("ardupilot", ["yaw"]), Vehicle(name="heavy", mass_kg=1.8))
+    return predict(make_plan("ardupilot", ["yaw"], vehicle=HEAVY), HEAVY)
 
 
 def test_the_planned_axis_is_usable_and_no_other(yaw_flight: Prediction) -> None:
@@ -202,7 +207,7 @@ def test_the_planned_axis_is_usable_and_no_other(yaw_flight: Prediction) -> None
 
 def test_the_card_predicts_for_the_vehicle_that_was_given(yaw_flight: Prediction) -> None:
     """With the interval, and only for the planned axis."""
-    planned = make_plan("ardupilot", ["yaw"])
+    planned = make_plan("ardupilot", ["yaw"], vehicle=HEAVY)
     text = "\n".join(card_lines(planned, yaw_flight))
     assert "heavy" in text
     assert "- yaw: usable, effectiveness " in text
@@ -337,12 +342,18 @@ def test_wrong_usage_is_one_clear_line(
     assert len(err.splitlines()) == 1
 
 
-def test_the_plan_as_json_holds_what_the_card_says(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_plan_as_json_holds_what_the_card_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Settings by name, steps in order, and what the simulated flight gave; nothing else on stdout."""
-    assert main(["plan", "--autopilot", "ardupilot", "--axis", "yaw", "--json"]) == 0
+    file = tmp_path / "heavy.toml"
+    file.write_text(HEAVY_FILE)
+    given = ["--autopilot", "ardupilot", "--axis", "yaw", "--vehicle", str(file)]
+    assert main(["plan", *given, "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["logging"] == {"LOG_BITMASK": 176127.0}
-    assert content["sweeps"]["yaw"] == dict(make_plan("ardupilot", ["yaw"]).settings_of("yaw"))
+    planned = make_plan("ardupilot", ["yaw"], vehicle=HEAVY)
+    assert content["sweeps"]["yaw"] == dict(planned.settings_of("yaw"))
     assert any("excite.lua" in step for step in content["steps"])
     assert content["excitation"]["axes"]["yaw"]["half_width"] > 0.01
     assert list(content["expected"]["axes"]) == ["yaw"]

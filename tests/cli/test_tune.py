@@ -30,7 +30,7 @@ ROLL_P = "ATC_RAT_RLL_P"
 def changed(result: Result) -> Result:
     """Roll with a quarter of its gains, which did not fly; of pitch there is something to raise."""
     gains = {f"ATC_RAT_RLL_{one}": 0.25 * result.log.parameters[f"ATC_RAT_RLL_{one}"] for one in "PID"}
-    return of_axes(with_parameters(result, **gains), "roll", "pitch")
+    return with_parameters(of_axes(result, "roll", "pitch"), **gains)
 
 
 @cache

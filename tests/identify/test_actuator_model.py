@@ -41,6 +41,7 @@ from quadid_logs.simulator.manoeuvres import doublets
 from quadid_logs.simulator.scenarios import Scenario, slow_motors, with_products
 from quadid_logs.simulator.truth import flight_truth
 
+from .structures import ACTUATED
 from .vehicles import QUAD, multisine
 from .vehicles import fly as fly_plainly
 
@@ -62,8 +63,8 @@ def flown(scenario: Scenario, autopilot: str = "ardupilot") -> tuple[FlightData,
 
 
 def recommended(data: FlightData, *structures: Structure) -> Model:
-    """Return the recommended model; of these structures, or of all that the package has."""
-    model = identify(data, IdentifySettings(), structures or STRUCTURES).recommended
+    """Return the recommended model; of these structures, or of all that are ever recommended."""
+    model = identify(data, IdentifySettings(), structures or ACTUATED).recommended
     assert model is not None
     return model
 

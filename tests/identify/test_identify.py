@@ -12,6 +12,7 @@ from quadid_logs.data.model import Identification, Model, Parameter
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify
 
+from .structures import ACTUATED
 from .vehicles import PERIOD_S, QUAD, Truth, flight_data, fly, multisine
 
 
@@ -101,7 +102,7 @@ def test_a_full_inertia_tensor_gives_its_full_inverse() -> None:
     """Products of inertia: every element of B within 2 % of the largest."""
     tensor = np.array([[0.010, 0.001, -0.0015], [0.001, 0.012, 0.0008], [-0.0015, 0.0008, 0.020]])
     truth = dataclasses.replace(QUAD, inertia=tensor)
-    model = identify(fly(truth, multisine(40.0), feedback=8.0), IdentifySettings()).recommended
+    model = identify(fly(truth, multisine(40.0), feedback=8.0), IdentifySettings(), ACTUATED).recommended
     assert model is not None
     assert np.abs(model.B - truth.B).max() < 0.02 * np.abs(truth.B).max()
 
@@ -109,7 +110,7 @@ def test_a_full_inertia_tensor_gives_its_full_inverse() -> None:
 def test_a_known_gyro_filter_is_modelled_and_not_taken_for_lag() -> None:
     """20 Hz delays by 11 ms; with the filter known, lag and delay stay what they are."""
     truth = dataclasses.replace(QUAD, gyro_filter_hz=20.0)
-    model = identify(fly(truth, multisine(40.0)), IdentifySettings()).recommended
+    model = identify(fly(truth, multisine(40.0)), IdentifySettings(), ACTUATED).recommended
     assert model is not None
     assert model.actuator is not None
     assert model.actuator.lag_s + model.actuator.delay_s == pytest.approx(0.03625, abs=0.002)
@@ -118,7 +119,9 @@ def test_a_known_gyro_filter_is_modelled_and_not_taken_for_lag() -> None:
 
 def test_an_axis_at_rest_is_not_identifiable() -> None:
     """Only roll is moved: whatever comes out for pitch and yaw is not called a finding."""
-    model = identify(fly(QUAD, multisine(40.0, axes=(0,)), feedback=8.0), IdentifySettings()).recommended
+    model = identify(
+        fly(QUAD, multisine(40.0, axes=(0,)), feedback=8.0), IdentifySettings(), ACTUATED
+    ).recommended
     assert model is not None
     assert parameter(model, "B11").identifiable
     assert not parameter(model, "B22").identifiable
@@ -129,7 +132,9 @@ def test_torque_unrelated_to_the_motion_gives_no_identifiable_gain() -> None:
     """Noise against noise."""
     rng = np.random.default_rng(1)
     rate = np.cumsum(rng.standard_normal((16_000, 3)), axis=0) * 1e-3
-    model = identify(flight_data(rate, rng.standard_normal((16_000, 3))), IdentifySettings()).recommended
+    model = identify(
+        flight_data(rate, rng.standard_normal((16_000, 3))), IdentifySettings(), ACTUATED
+    ).recommended
     assert model is not None
     assert not any(parameter(model, name).identifiable for name in ("B11", "B22", "B33"))
 
@@ -148,7 +153,7 @@ def test_a_flight_of_two_seconds_is_too_short() -> None:
 
 def test_a_constant_torque_does_not_crash() -> None:
     """Zero columns everywhere."""
-    result = identify(flight_data(np.zeros((16_000, 3)), np.zeros((16_000, 3))), IdentifySettings())
+    result = identify(flight_data(np.zeros((16_000, 3)), np.zeros((16_000, 3))), IdentifySettings(), ACTUATED)
     assert not any(p.identifiable and p.regressor in "LMN" for m in result.models for p in m.parameters)
 
 
@@ -196,7 +201,7 @@ def test_ignoring_the_lag_would_give_a_wrong_effectiveness(found: Identification
 def test_the_truth_may_have_no_lag_at_all() -> None:
     """ArduPilot's simulator has none: the lag found is near zero, the gain right."""
     truth = Truth(inertia=QUAD.inertia, damping=QUAD.damping, lag_s=0.0, delay_s=0.0)
-    model = identify(fly(truth, multisine(40.0)), IdentifySettings()).recommended
+    model = identify(fly(truth, multisine(40.0)), IdentifySettings(), ACTUATED).recommended
     assert model is not None
     assert model.actuator is not None
     assert model.actuator.lag_s < 0.002
@@ -211,7 +216,9 @@ def test_products_that_no_rigid_body_explains_are_not_claimed() -> None:
     pushed = segment.torque.copy()
     pushed[:, 0] -= 0.4 * QUAD.inertia[0, 0] * q * r
     model = identify(
-        dataclasses.replace(data, segments=(dataclasses.replace(segment, torque=pushed),)), IdentifySettings()
+        dataclasses.replace(data, segments=(dataclasses.replace(segment, torque=pushed),)),
+        IdentifySettings(),
+        ACTUATED,
     ).recommended
     assert model is not None
     assert not parameter(model, "A11").identifiable
@@ -231,7 +238,7 @@ def test_a_flight_of_which_one_half_of_the_blocks_is_cut_out_is_fitted_to_the_ot
     sixth = (segment.end_s - segment.start_s) / 6.0
     cut = (segment.time_s > 1.9 * sixth) & (segment.time_s < 3.1 * sixth)
     marked = dataclasses.replace(segment, saturated=cut)
-    found = identify(dataclasses.replace(data, segments=(marked,)), IdentifySettings()).recommended
+    found = identify(dataclasses.replace(data, segments=(marked,)), IdentifySettings(), ACTUATED).recommended
     assert found is not None
     assert np.isfinite(found.B).all()
 

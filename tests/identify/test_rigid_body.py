@@ -16,6 +16,7 @@ from quadid_logs.identify.fit import PooledFit
 from quadid_logs.identify.structures import DAMPED, RIGID_BODY
 from quadid_logs.maths.rotational_dynamics import PRODUCTS, gyroscopic_matrix
 
+from .structures import ACTUATED
 from .vehicles import QUAD, Truth, fly, multisine
 
 _INERTIA = np.array([[0.010, -0.0009, 0.0012], [-0.0009, 0.012, 0.0007], [0.0012, 0.0007, 0.020]])
@@ -26,7 +27,7 @@ ASKEW = Truth(inertia=_INERTIA, damping=np.linalg.inv(_INERTIA) @ np.diag([0.015
 @pytest.fixture(scope="module")
 def askew() -> Identification:
     """A vehicle with all products of inertia, lag 30 ms and noise, in closed loop."""
-    return identify(fly(ASKEW, multisine(40.0), feedback=8.0), IdentifySettings())
+    return identify(fly(ASKEW, multisine(40.0), feedback=8.0), IdentifySettings(), ACTUATED)
 
 
 def body(found: Identification) -> Model:
@@ -68,7 +69,7 @@ def test_gains_per_command_leave_the_inertia_to_the_gyroscopic_terms() -> None:
         ),
         input=dataclasses.replace(flight.input, kind="torque_command", unit="1"),
     )
-    model = body(identify(commanded, IdentifySettings()))
+    model = body(identify(commanded, IdentifySettings(), ACTUATED))
     np.testing.assert_allclose(model.B / units, ASKEW.B, atol=0.02 * ASKEW.B.max())
     expected = gyroscopic_matrix(ASKEW.inertia)
     np.testing.assert_allclose(model.A[:, : len(PRODUCTS)], expected, atol=0.1 * np.abs(expected).max())
@@ -76,7 +77,7 @@ def test_gains_per_command_leave_the_inertia_to_the_gyroscopic_terms() -> None:
 
 def test_one_excited_axis_tells_nothing_of_the_shape() -> None:
     """Then no coupling is claimed, and the equations fitted one by one are recommended."""
-    found = identify(fly(QUAD, multisine(40.0, axes=(0,)), feedback=8.0), IdentifySettings())
+    found = identify(fly(QUAD, multisine(40.0, axes=(0,)), feedback=8.0), IdentifySettings(), ACTUATED)
     model = body(found)
     assert not model.recommended
     assert not any(p.identifiable for p in model.parameters if p.regressor in PRODUCTS)
@@ -91,7 +92,7 @@ def test_a_vehicle_that_is_no_rigid_body_is_not_called_one() -> None:
     extra = 1.5 * np.cumsum(q * r) * flight.sample_period_s
     extra -= np.polyval(np.polyfit(segment.time_s, extra, 3), segment.time_s)
     strange = dataclasses.replace(segment, body_rate_rad_s=np.column_stack([p + extra, q, r]))
-    found = identify(dataclasses.replace(flight, segments=(strange,)), IdentifySettings())
+    found = identify(dataclasses.replace(flight, segments=(strange,)), IdentifySettings(), ACTUATED)
     assert not body(found).recommended
 
 
@@ -101,7 +102,7 @@ def test_cross_talk_of_the_gyro_is_not_taken_for_products_of_inertia() -> None:
     segment = flight.segments[0]
     E = np.array([[0.0, 0.005, -0.004], [0.006, 0.0, 0.004], [-0.003, 0.005, 0.0]])
     shown = dataclasses.replace(segment, body_rate_rad_s=segment.body_rate_rad_s @ (np.eye(3) + E).T)
-    model = body(identify(dataclasses.replace(flight, segments=(shown,)), IdentifySettings()))
+    model = body(identify(dataclasses.replace(flight, segments=(shown,)), IdentifySettings(), ACTUATED))
     truth = np.concatenate([gyroscopic_matrix(QUAD.inertia), -QUAD.damping, np.zeros((3, 1)), QUAD.B], axis=1)
     for parameter in model.parameters:
         if parameter.regressor in (*PRODUCTS, "L", "M", "N"):

@@ -13,6 +13,7 @@ from quadid_logs.identify.rotors import Rotors, lagged_speeds
 from quadid_logs.load import prepare
 from quadid_logs.simulator import Simulation, simulate
 
+from .structures import ACTUATED
 from .vehicles import QUAD, fly, multisine
 
 
@@ -24,7 +25,7 @@ def flight() -> Simulation:
 
 @pytest.fixture(scope="module")
 def slow_motors(flight: Simulation) -> Model:
-    found = identify(cut(prepare(flight.log), AlignSettings()), IdentifySettings()).recommended
+    found = identify(cut(prepare(flight.log), AlignSettings()), IdentifySettings(), ACTUATED).recommended
     assert found is not None
     return found
 
@@ -46,7 +47,7 @@ def test_asymmetric_rotors_do_not_bias_the_effectiveness(flight: Simulation, slo
 
 def test_without_known_rotors_the_lag_acts_on_the_torque() -> None:
     """A table of moments says nothing of rotors."""
-    model = identify(fly(QUAD, multisine(20.0), feedback=8.0), IdentifySettings()).recommended
+    model = identify(fly(QUAD, multisine(20.0), feedback=8.0), IdentifySettings(), ACTUATED).recommended
     assert model is not None
     assert model.actuator is not None
     assert model.actuator.acts_on == "torque"

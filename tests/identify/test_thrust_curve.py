@@ -26,6 +26,8 @@ from quadid_logs.identify.thrust_curve import (
 from quadid_logs.load import load, prepare
 from quadid_logs.simulator import Simulation, simulate
 
+from .structures import ACTUATED
+
 #: As quad 450 is, for people who know no more of their vehicle.
 VEHICLE = Vehicle(mass_kg=1.5, arm_length_m=0.225, torque_to_thrust_m=0.016)
 FIRMWARE, PROPELLERS = 0.2, 0.6
@@ -43,7 +45,7 @@ def data(scenario: str = "expo-mismatch", vehicle: Vehicle | None = None) -> Fli
 
 @cache
 def found(scenario: str = "expo-mismatch", vehicle: Vehicle | None = None) -> Identification:
-    return identify(data(scenario, vehicle), IdentifySettings())
+    return identify(data(scenario, vehicle), IdentifySettings(), ACTUATED)
 
 
 def curve(identification: Identification) -> ThrustCurve:
@@ -77,7 +79,7 @@ def test_it_is_found_in_rough_air_as_well() -> None:
 def test_a_firmware_with_another_name_for_it_is_told_its_own() -> None:
     """THR_MDL_FAC; the logs are rebuilt along another path."""
     flown = flight(autopilot="px4")
-    known = curve(identify(cut(prepare(flown.log), AlignSettings()), IdentifySettings()))
+    known = curve(identify(cut(prepare(flown.log), AlignSettings()), IdentifySettings(), ACTUATED))
     assert known.parameter == "THR_MDL_FAC"
     assert known.expo == pytest.approx(PROPELLERS, abs=0.03)
 

@@ -22,6 +22,7 @@ from quadid_logs.identify.terms import YAW_REACTION
 from quadid_logs.load import prepare
 from quadid_logs.simulator import Simulation, simulate
 
+from .structures import ACTUATED
 from .vehicles import PERIOD_S, QUAD, fly, multisine
 
 
@@ -37,7 +38,7 @@ def flown() -> Simulation:
 
 @pytest.fixture(scope="module")
 def found(flown: Simulation) -> Identification:
-    return identify(cut(prepare(flown.log), AlignSettings()), IdentifySettings())
+    return identify(cut(prepare(flown.log), AlignSettings()), IdentifySettings(), ACTUATED)
 
 
 def test_the_effectiveness_of_yaw_is_right_behind_rotors_that_react(
@@ -143,7 +144,7 @@ def slow() -> Simulation:
 
 def test_yaw_of_a_slow_log_is_known_to_its_interval(slow: Simulation) -> None:
     """20 samples a second with set-points: roll and pitch are nothing, yaw is within 5 %."""
-    found = identify(cut(prepare(slow.log), AlignSettings()), IdentifySettings())
+    found = identify(cut(prepare(slow.log), AlignSettings()), IdentifySettings(), ACTUATED)
     (model,) = found.models
     truth = slow.truth["models"]["damped"]["B"][2][2]
     low, high = model.entries["r_dot", "N"].ci95
@@ -158,7 +159,7 @@ def test_a_slow_log_without_setpoints_tells_nothing(slow: Simulation) -> None:
     """The torque of a slow log answers gusts, and nothing tells them from commands."""
     data = cut(prepare(slow.log), AlignSettings())
     bare = [dataclasses.replace(each, reference=None) for each in data.segments]
-    found = identify(dataclasses.replace(data, segments=tuple(bare)), IdentifySettings())
+    found = identify(dataclasses.replace(data, segments=tuple(bare)), IdentifySettings(), ACTUATED)
     assert not found.models
     assert "Hz only" in found.skipped
 

@@ -33,7 +33,9 @@ def flown(scenario: str, autopilot: str) -> tuple[dict, Result]:
     flight = simulate(scenario, seed=3, duration_s=40.0, autopilot=autopilot)
     prepared = prepare(flight.log)
     data = cut(prepared, Settings().align)
-    return flight.truth, judge(prepared.log, data, Settings(), vehicle=None, published=False, timings_s={})
+    return flight.truth, judge(
+        prepared.log, data, Settings(), vehicle=None, published=False, loop="verdict", timings_s={}
+    )
 
 
 def of_rotors(axis: int, **values: float) -> EffectCheck:
@@ -130,7 +132,13 @@ def test_two_effects_that_come_together_move_the_effectiveness_further_than_eith
     truth = flight_truth((record,), scenario="both", boot_s=0.0)
     prepared = prepare(log_flights((record,), scenario.logging))
     result = judge(
-        prepared.log, cut(prepared, Settings().align), Settings(), vehicle=None, published=False, timings_s={}
+        prepared.log,
+        cut(prepared, Settings().align),
+        Settings(),
+        vehicle=None,
+        published=False,
+        loop="verdict",
+        timings_s={},
     )
     model = result.identification.recommended
     assert model is not None
