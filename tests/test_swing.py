@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -105,10 +106,16 @@ def test_a_slow_swing_that_was_logged_too_shortly_is_refused_with_what_to_log() 
     assert "ten swings" in raised.value.hint
 
 
+@cache
+def pushed_thrice() -> tuple[np.ndarray, np.ndarray]:
+    """Two minutes, pushed every forty seconds: times, and rates."""
+    time_s = np.arange(0.0, 120.0, 0.01)
+    return time_s, swing_rate(Hung(), time_s, 10.0, pushes_s=(0.0, 40.0, 80.0))
+
+
 def test_each_push_is_a_swing_of_its_own() -> None:
     """Three of them; none reaches over a push."""
-    time_s = np.arange(0.0, 120.0, 0.01)
-    rate = swing_rate(Hung(), time_s, 10.0, pushes_s=(0.0, 40.0, 80.0))
+    time_s, rate = pushed_thrice()
     found = swing(swing_log(rate, time_s, axis=2), strings(Hung()))
     assert [round(run.start_s / 40.0) for run in found.runs] == [0, 1, 2]
     assert all(run.end_s < 40.0 * (place + 1) for place, run in enumerate(found.runs))
@@ -117,9 +124,9 @@ def test_each_push_is_a_swing_of_its_own() -> None:
 
 def test_only_the_swings_of_the_chosen_part_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The first of three pushes went wrong: the part after it holds two swings."""
-    time_s = np.arange(0.0, 120.0, 0.01)
+    time_s, rate = pushed_thrice()
     path = tmp_path / "swing.bin"
-    write_log(swing_log(swing_rate(Hung(), time_s, 10.0, pushes_s=(0.0, 40.0, 80.0)), time_s), path)
+    write_log(swing_log(rate, time_s), path)
     asked = ["swing", str(path), "--mass", "1.6", "--length", "0.9", "--distance", "0.4", "--json"]
     assert main(asked) == 0
     runs = json.loads(capsys.readouterr().out)["swings"]
