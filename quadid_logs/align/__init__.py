@@ -116,6 +116,7 @@ def clean(log: FlightLog) -> CleanLog:
         candidates=candidates,
         flights=flights.intervals,
         on_ground_reason=NOT_A_MULTIROTOR if flights.reason and not log.may_be_multirotor else flights.reason,
+        hops=flights.hops,
     )
 
 

@@ -36,10 +36,14 @@ _BENCH = "the rotors ran, but the vehicle did not turn, as on a bench"
 
 
 class Flights(NamedTuple):
-    """Intervals of flight (start_s, end_s), and why there is none or what they rest on."""
+    """Intervals of flight (start_s, end_s), and why there is none or what they rest on.
+
+    ``hops`` are the same with take-off and touch-down, where arming or a land detector tells them.
+    """
 
     intervals: tuple[Interval, ...]
     reason: str
+    hops: tuple[Interval, ...] = ()
 
 
 def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
@@ -95,7 +99,7 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
     if lasting and not {"armed", "landed"} & series.keys():
         lasting = _turning(series, lasting)
         return Flights(lasting, "" if lasting else _BENCH)
-    return Flights(lasting, "" if lasting else _TOO_SHORT)
+    return Flights(lasting, "" if lasting else _TOO_SHORT, tuple(intervals))
 
 
 def _grid(series: Mapping[str, CleanSeries], span: Interval) -> FloatArray:

@@ -235,6 +235,8 @@ class CleanLog:
         From take-off to landing.
     on_ground_reason : str
         Why there is none.
+    hops : tuple of (start_s, end_s)
+        Flights with take-off and touch-down, where arming or a land detector tells them.
     """
 
     log: FlightLog
@@ -242,6 +244,7 @@ class CleanLog:
     candidates: Mapping[str, tuple[CleanSeries, ...]]
     flights: tuple[Interval, ...] = ()
     on_ground_reason: str = ""
+    hops: tuple[Interval, ...] = ()
 
     def sources(self, name: str) -> tuple[CleanSeries, ...]:
         """Return the sources of a signal that hold any sample, the preferred one first.

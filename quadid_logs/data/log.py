@@ -385,6 +385,8 @@ class FlightLog:
         of which each counts alike.
     swept_axes : tuple of str
         Axes that a system-identification mode of the autopilot swept; empty where the log names none.
+    n_cells : int
+        Of the battery, as the parameters state it; 0 where they do not.
     torque : TorqueModel, optional
         How torque follows from the logged outputs; None where nobody looked.
     """
@@ -418,6 +420,7 @@ class FlightLog:
     remarks: tuple[str, ...] = ()
     followed: Mapping[str, FloatArray] = field(default_factory=dict)
     swept_axes: tuple[str, ...] = ()
+    n_cells: int = 0
     torque: TorqueModel | None = None
 
     @property

@@ -14,7 +14,14 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.health import Health, Standstill
 from quadid_logs.health.battery import find_battery
 from quadid_logs.health.commanded import Commanded, commanded_thrust
-from quadid_logs.health.course import find_rates, find_throttle, find_thrust, find_tilt, find_torque
+from quadid_logs.health.course import (
+    find_rates,
+    find_throttle,
+    find_thrust,
+    find_tilt,
+    find_torque,
+    find_tumble,
+)
 from quadid_logs.health.motors import find_motors, motor_names
 from quadid_logs.health.noise import find_noise
 from quadid_logs.health.oscillation import find_oscillation
@@ -81,7 +88,12 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     sent = commanded_thrust(prepared)
     standstill = _standstill(prepared, sent, (-math.inf, math.inf))
     if reason:
-        return Health(standstill=standstill, missing=dict.fromkeys(_NEEDS, reason))
+        shown = _of_hops(prepared)
+        return Health(
+            **shown,
+            standstill=standstill,
+            missing=dict.fromkeys((name for name in _NEEDS if shown.get(name) is None), reason),
+        )
     series = {name: one for name, one in prepared.series.items() if one.n_samples >= 2}
     rate, asked = series.get("body_rate"), series.get("body_rate_setpoint")
     angle, asked_angle = series.get("attitude"), series.get("attitude_setpoint")
@@ -123,7 +135,7 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         ),
         "battery": None
         if (voltage := series.get("battery_voltage")) is None
-        else find_battery(voltage, throttle, intervals),
+        else find_battery(voltage, throttle, intervals, prepared.log.n_cells),
         "oscillation": oscillation,
         "rotors": find_rotors(prepared, sent, intervals),
     }
@@ -139,16 +151,43 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     return Health(**found, standstill=standstill, missing=missing)
 
 
+def _of_hops(prepared: Prepared) -> dict[str, Any]:
+    """Return what a log without a flight shows of moments in the air: whether the vehicle turned over.
+
+    Motors of a vehicle that still stands, or is pushed about, are sent anything.
+    """
+    hops = prepared.clean.hops
+    if not hops or not prepared.log.may_be_multirotor or _length_s(prepared.flights) >= _LEAST_FLIGHT_S:
+        return {}
+    series = {name: one for name, one in prepared.series.items() if one.n_samples >= 2}
+    rate, voltage = series.get("body_rate"), series.get("battery_voltage")
+    tumble = None if rate is None else find_tumble(rate, hops)
+    if rate is None or tumble is None:
+        return {}
+    from_first_to_last = ((hops[0][0], hops[-1][1]),)
+    return {
+        "tilt": tumble,
+        "rates": find_rates(rate, hops),
+        "battery": None
+        if voltage is None
+        else find_battery(voltage, None, from_first_to_last, prepared.log.n_cells),
+    }
+
+
 def _nothing_to_judge(prepared: Prepared, data: FlightData) -> str:
     """Return why the log shows no flight of a multirotor that could be judged; empty where it does."""
     if not prepared.log.may_be_multirotor:
         return NOT_A_MULTIROTOR
     if not data.flights:
         return data.on_ground_reason or "no flight was found"
-    flown_s = sum(end_s - start_s for start_s, end_s in data.flights)
+    flown_s = _length_s(data.flights)
     if flown_s < _LEAST_FLIGHT_S:
         return f"the {number(flown_s, 2)} s of flight are too short to judge the vehicle by"
     return ""
+
+
+def _length_s(intervals: Sequence[Interval]) -> float:
+    return sum(end_s - start_s for start_s, end_s in intervals)
 
 
 def _since_the_flight_before(prepared: Prepared, flights: Sequence[Interval]) -> Interval:

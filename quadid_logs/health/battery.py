@@ -31,7 +31,7 @@ _TENTH: Final = 0.1
 
 
 def find_battery(
-    voltage: CleanSeries, throttle: CleanSeries | None, intervals: Sequence[Interval]
+    voltage: CleanSeries, throttle: CleanSeries | None, intervals: Sequence[Interval], n_stated: int = 0
 ) -> Battery | None:
     """Say how far the voltage falls.
 
@@ -39,6 +39,9 @@ def find_battery(
     ----------
     intervals : sequence of (start_s, end_s)
         Of flight.
+    n_stated : int
+        How many cells the parameters state, 0 for none. It counts where the voltage does not show another
+        number: a default need not be that of the battery.
 
     Returns
     -------
@@ -61,6 +64,10 @@ def find_battery(
     # The number of cells, 0 where more than one number fits.
     highest_v = float(means.max())
     fitting = [n for n in _CELLS if _CELL_V[0] <= highest_v / n <= _CELL_V[1]]
+    # A nearly empty battery fits none, and one of many cells several.
+    possible = n_stated > 0 and _LEAST_V <= highest_v / n_stated <= _CELL_V[1]
+    if n_stated in fitting or (possible and not fitting):
+        fitting = [n_stated]
     n_cells = fitting[0] if len(fitting) == 1 else 0
     sag = None if throttle is None else _sag(record, throttle)
     # What neither falls nor sags, at a voltage of no battery, is an input that was left open.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -10,7 +11,8 @@ import numpy as np
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.health import Course, Level, Quantity
-from quadid_logs.health.records import Record, averaged, in_flight
+from quadid_logs.health.records import Record, averaged, in_flight, records
+from quadid_logs.maths.rotations import tilt_from_rates
 from quadid_logs.numerals import number
 from quadid_logs.vocabulary import AXES, GRAVITY_M_S2
 
@@ -21,6 +23,8 @@ _GYRO_DEG_S: Final = 2000.0
 _SAME_RANGE: Final = 0.02
 #: Autopilots' detectors of a failure act beyond, by default (source: docs/health.md) [deg].
 _FAILING_TILT_DEG: Final = 60.0
+#: Shorter ones leave no time to turn over.
+_SHORTEST_HOP_S: Final = 0.2
 #: Hover throttle is usually in this range (source: docs/health.md); a published analyzer of logs calls a
 #: vehicle underpowered that does not climb above the third.
 _HOVER: Final = (0.2, 0.6)
@@ -54,8 +58,12 @@ def find_rates(rate: CleanSeries, intervals: Sequence[Interval]) -> Course | Non
     highest = float(size.max())
     clipped = highest >= (1.0 - _SAME_RANGE) * _GYRO_DEG_S
     told = f"In 99 % of the flight the rates stay below: {_by_axis(fast, 2)} deg/s. "
-    judged = "about where most gyros end" if clipped else "which is normal (most gyros end at"
-    told += f"The fastest is {highest:.0f} deg/s, {judged}{'.' if clipped else f' {_GYRO_DEG_S:.0f}).'}"
+    told += f"The fastest is {highest:.0f} deg/s, "
+    told += (
+        "about where most gyros end."
+        if clipped
+        else f"which a gyro measures (most end at {_GYRO_DEG_S:.0f})."
+    )
     return _course(
         record,
         sentence=told,
@@ -111,6 +119,60 @@ def find_tilt(attitude: CleanSeries, intervals: Sequence[Interval]) -> Course | 
         limits=((_FAILING_TILT_DEG, "beyond, acrobatics or a loss of control"),),
         figures={
             "p99": Quantity(
+                float(np.radians(most)), "rad", normal=(0.0, float(np.radians(_FAILING_TILT_DEG)))
+            )
+        },
+    )
+
+
+def find_tumble(rate: CleanSeries, hops: Sequence[Interval]) -> Course | None:
+    """Say how far the vehicle leans right after a take-off that no flight follows, by its gyro alone.
+
+    An estimator that was shaken, or restarted, says little of such moments.
+
+    Parameters
+    ----------
+    rate : CleanSeries
+        Body rates [rad/s].
+    hops : sequence of (start_s, end_s)
+        From take-off, where the vehicle stands level, to touch-down.
+
+    Returns
+    -------
+    Course or None
+        None where it was hardly logged.
+    """
+    found, period_s = records([rate], hops, shortest_s=_SHORTEST_HOP_S)
+    if not found:
+        return None
+    angles = [tilt_from_rates(one.values, period_s, math.inf) for one in found]
+    record = Record(
+        np.concatenate([one.time_s for one in found]),
+        np.degrees(np.arccos(_upright(np.concatenate(angles))))[:, np.newaxis],
+    )
+    most, hop_s = float(record.values.max()), sum(end_s - start_s for start_s, end_s in hops)
+    told = f"In the {number(hop_s, 2)} s that may have been in the air the vehicle tilted by up to "
+    told += f"{number(most, 2)} deg by its gyro, "
+    if most <= _FAILING_TILT_DEG:
+        told += f"which is normal (below {_FAILING_TILT_DEG:.0f})."
+    else:
+        first = int(np.argmax(record.values[:, 0] > _FAILING_TILT_DEG))
+        begun = max(start_s for start_s, _ in hops if start_s <= record.time_s[first])
+        told += (
+            f"{_FAILING_TILT_DEG:.0f} deg {number(float(record.time_s[first]) - begun, 2)} s after leaving "
+            "the ground: it turned over. Before the next take-off check the order and the direction of the "
+            "motors, the propellers, and how the flight controller is mounted."
+        )
+    return _course(
+        record,
+        sentence=told,
+        level="normal" if most <= _FAILING_TILT_DEG else "severe",
+        label="tilt by the gyro",
+        unit="deg",
+        columns=("tilt",),
+        limits=((_FAILING_TILT_DEG, "beyond, it turns over"),),
+        figures={
+            "highest": Quantity(
                 float(np.radians(most)), "rad", normal=(0.0, float(np.radians(_FAILING_TILT_DEG)))
             )
         },

@@ -235,6 +235,21 @@ def test_a_battery_is_judged_by_its_cells(start: float, end: float, cells: int, 
     assert found.lowest_v.value == pytest.approx(end, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("start", "stated", "cells"),
+    [(13.9, 4, 4), (13.9, 0, 0), (12.4, 4, 3), (50.0, 12, 12), (9.9, 3, 3), (4.2, 12, 1), (14.6, 3, 4)],
+)
+def test_stated_cells_count_where_the_voltage_shows_no_other_number(
+    start: float, stated: int, cells: int
+) -> None:
+    """An empty battery of four cells has 13.9 V, a full one of three 12.4 V though the default says four."""
+    t = grid(10.0)
+    volts = series("battery_voltage", t, np.linspace(start, start - 0.5, t.size)[:, None])
+    found = find_battery(volts, None, ((t[0], t[-1]),), stated)
+    assert found is not None
+    assert found.n_cells == cells
+
+
 def test_a_voltage_of_no_battery_that_never_falls_is_not_called_one() -> None:
     """A board on its own supply measured 6.0 V for four minutes of flight."""
     t = grid(10.0)

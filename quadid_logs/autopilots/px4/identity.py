@@ -66,6 +66,12 @@ def firmware_words(information: Mapping[str, object]) -> str:
     return " ".join(words)
 
 
+def n_cells(parameters: Mapping[str, float]) -> int:
+    """Return how many cells the battery has by the parameters, 0 where they do not say."""
+    stated = (whole_number(parameters.get(name)) for name in ("BAT1_N_CELLS", "BAT_N_CELLS"))
+    return next((one for one in stated if one > 0), 0)
+
+
 def vehicle_type(parameters: Mapping[str, float], status: Mapping[str, int]) -> str:
     """Ask what says most first: VTOL flag, MAV_TYPE, control allocation, status.
 

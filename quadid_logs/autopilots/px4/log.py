@@ -16,6 +16,7 @@ from quadid_logs.autopilots.px4.identity import (
     describe_frame,
     firmware_words,
     mode_names,
+    n_cells,
     vehicle_type,
     version_of,
 )
@@ -93,6 +94,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         counts=content.counts,
         utc_offset_s=_utc_offset_s(content),
         remarks=_remarks(content, system),
+        n_cells=n_cells(known.parameters),
     )
 
 
