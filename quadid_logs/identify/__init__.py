@@ -8,7 +8,6 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import (
     Effect,
@@ -119,7 +118,10 @@ def identify(
     needed = [data.sources[name] for name in (data.input.kind, "body_rate") if name in data.sources]
     slowest_hz = min((source.rate_hz for source in needed), default=np.inf)
     if slowest_hz < MIN_RATE_HZ:
-        return _only_yaw(data, settings, structures[0], slowest_hz)
+        yaw = fit_slow_yaw(data, structures[0], settings, slowest_hz)
+        if yaw is None:
+            return Identification(skipped=f"torque and rates were logged at {slowest_hz:.3g} Hz only")
+        return replace(_identified(data, (yaw[0],), yaw[1]), only_yaw=True)
     band = default_band(settings, data.sample_period_s)
     data = most_excited(data, settings.most_samples)
     design = build_design(data, band.high_hz, structures)
@@ -136,9 +138,13 @@ def identify(
         told_by_commands = _by_spectra(data)
     wanted = recommended or settings.structure
     by_commands = wanted in ("", structures[0].name)
-    behind_told = None
-    if by_commands:
-        behind_told = _behind_told_actuator(told_by_commands, band, data, design, structures, settings)
+    # Behind the lag and delay that commands tell nothing is searched for, unless a search may find a fit in
+    # time that stands beside what commands tell.
+    behind_told, actuator = None, actuator_told(told_by_commands.fits) if by_commands else None
+    if actuator is not None and not any(
+        told_by_commands.explained(axis, band) >= _MAY_EXPLAIN_R2 for axis in told_by_commands.axes
+    ):
+        behind_told = _fit_first(data, design, structures, settings, actuator=actuator)
     fits = behind_told or _fit_first(data, design, structures, settings)
     used = design.high_passed(settings.high_pass_hz)
     told = [] if design.instruments is None else told_axes(used)
@@ -164,9 +170,16 @@ def identify(
         for axis, each in enumerate(found)
     )
     if told_again:
-        identified = _with_spectral(
-            identified, models[0].structure, spectral, told_again, data, design, structures, settings
+        # The structure that is fitted equation by equation is recommended, with these axes by spectra.
+        structure = structures[0].known(design.torque.symbols)
+        by_equation = next(each for each in identified.models if each.structure == models[0].structure)
+        if YAW_REACTION.symbol in by_equation.regressors:
+            structure = structure.with_reaction()
+        model = with_spectral_axes(
+            by_equation, structure, spectral, told_again, data=data, design=design, settings=settings
         )
+        others = (replace(each, recommended=False) for each in identified.models if each is not by_equation)
+        identified = replace(identified, models=(replace(model, recommended=True), *others))
     in_time = [axis for axis in range(len(spectral)) if axis not in told_again]
     beside = (with_effects_beside(each, spectral, in_time) for each in identified.models)
     identified = replace(identified, models=tuple(with_flights_beside(each) for each in beside))
@@ -175,24 +188,6 @@ def identify(
         for axis, each in enumerate(spectral)
     )
     return replace(identified, responses=found, thrust_curve=curve, spectral=spectral)
-
-
-def _behind_told_actuator(
-    told: _BySpectra,
-    band: Band,
-    data: FlightData,
-    design: Design,
-    structures: Sequence[Structure],
-    settings: IdentifySettings,
-) -> _Fits | None:
-    """Fit the first structure behind the lag and delay that commands tell, without any search.
-
-    None where a search may find a fit in time that stands beside what commands tell.
-    """
-    actuator = actuator_told(told.fits)
-    if actuator is None or any(told.explained(axis, band) >= _MAY_EXPLAIN_R2 for axis in told.axes):
-        return None
-    return _fit_first(data, design, structures, settings, actuator=actuator)
 
 
 class _BySpectra(NamedTuple):
@@ -259,60 +254,26 @@ def _half_width(model: Model, axis: int) -> float:
     return max(0.5 * (high - low), scatter)
 
 
-def _with_spectral(
-    identified: Identification,
-    name: str,
-    fits: Sequence[SpectralFit],
-    axes: Sequence[int],
-    data: FlightData,
-    design: Design,
-    structures: Sequence[Structure],
-    settings: IdentifySettings,
-) -> Identification:
-    """Recommend the structure that is fitted equation by equation, some of its axes told by spectra."""
-    structure = structures[0].known(design.torque.symbols)
-    by_equation = next(each for each in identified.models if each.structure == name)
-    if YAW_REACTION.symbol in by_equation.regressors:
-        structure = structure.with_reaction()
-    told = with_spectral_axes(by_equation, structure, fits, axes, data=data, design=design, settings=settings)
-    others = (replace(each, recommended=False) for each in identified.models if each is not by_equation)
-    return replace(identified, models=(replace(told, recommended=True), *others))
-
-
-def _only_yaw(
-    data: FlightData, settings: IdentifySettings, structure: Structure, rate_hz: float
-) -> Identification:
-    """Identify what a log below `MIN_RATE_HZ` tells."""
-    found = fit_slow_yaw(data, structure, settings, rate_hz)
-    if found is None:
-        return Identification(skipped=f"torque and rates were logged at {rate_hz:.3g} Hz only")
-    model, design = found
-    return replace(_identified(data, (model,), design), only_yaw=True)
-
-
 def _identified(data: FlightData, models: tuple[Model, ...], design: Design) -> Identification:
     """Put an identification together, with how much each axis was excited in the band of its fit."""
-    low_hz = [_lower_edge(models[0], axis, design.high_pass_hz) for axis in range(3)]
+    model = models[0]
+    bands = [model.band_of(axis) for axis in range(3)]
+    low_hz = [design.high_pass_hz if band is None else float(band.low_hz[0]) for band in bands]
     fitted = {each: design.high_passed(each) for each in {*low_hz}}
+    r2 = np.array([model.validation.r2_acceleration.get(name, float("nan")) for name in ACCELERATION_SYMBOLS])
     return Identification(
         models=models,
         n_samples=data.n_samples,
         excitation=measure_excitation(
             data,
-            signal_to_noise=_signal_to_noise(models[0]),
+            signal_to_noise=np.maximum(r2, 0.0) / np.maximum(1.0 - r2, 1e-9),
             rate_rms_rad_s=np.array(
                 [np.std(fitted[low].columns[name]) for low, name in zip(low_hz, RATE_SYMBOLS, strict=True)]
             ),
             # What an axis holds beside its strongest line counts wherever the fit could begin.
-            band_hz=(design.high_pass_hz, models[0].smoothing_hz),
+            band_hz=(design.high_pass_hz, model.smoothing_hz),
         ),
     )
-
-
-def _lower_edge(model: Model, axis: int, default_hz: float) -> float:
-    """Return below which frequency [Hz] an axis was not fitted."""
-    band = model.band_of(axis)
-    return default_hz if band is None else float(band.low_hz[0])
 
 
 def default_band(settings: IdentifySettings, sample_period_s: float) -> Band:
@@ -520,9 +481,3 @@ def _is_rigid_body(model: Model, by_equation: Model) -> bool:
         for each in (model, by_equation)
     )
     return bool((left <= (1.0 + _WORSE) * left_by_equation).all()) and model.criterion < by_equation.criterion
-
-
-def _signal_to_noise(model: Model) -> FloatArray:
-    """Return explained over unexplained variance of held-out acceleration per axis; shape (3,)."""
-    r2 = np.array([model.validation.r2_acceleration.get(name, float("nan")) for name in ACCELERATION_SYMBOLS])
-    return np.asarray(np.maximum(r2, 0.0) / np.maximum(1.0 - r2, 1e-9), dtype=np.float64)

@@ -173,23 +173,20 @@ class Scorer:
     def __call__(self, lag_s: float, delay_s: float) -> float:
         """Return the logarithm of the error, mean over the axes, of a lag and a delay [s]."""
         if self._products is None:
-            return self._in_time(lag_s, delay_s)
+            # Without instruments, which make few products of the many rows.
+            both = np.column_stack([self._design.torque.behind(lag_s, delay_s, self._inputs), self._targets])
+            error = np.zeros(len(self._axes))
+            for fold in self._folds:
+                fit = fold.to_fit.coordinates(both[fold.fit])
+                slope = fold.slope @ fit
+                inside = fit - fold.fixed_fit @ slope
+                outside = fold.to_score.coordinates(both[fold.score]) - fold.fixed_score @ slope
+                error += _left_by_torque(inside, outside, len(self._inputs))
+            return self._log_error(error)
         both = np.column_stack([self._products(lag_s, delay_s), self._explained])
         (fold,) = self._folds
         left = both - fold.fixed_fit @ (fold.slope @ both)
         return self._log_error(_left_by_torque(left, left, len(self._inputs)))
-
-    def _in_time(self, lag_s: float, delay_s: float) -> float:
-        """Return the error where no instruments make few products of the many rows."""
-        both = np.column_stack([self._design.torque.behind(lag_s, delay_s, self._inputs), self._targets])
-        error = np.zeros(len(self._axes))
-        for fold in self._folds:
-            fit = fold.to_fit.coordinates(both[fold.fit])
-            slope = fold.slope @ fit
-            inside = fit - fold.fixed_fit @ slope
-            outside = fold.to_score.coordinates(both[fold.score]) - fold.fixed_score @ slope
-            error += _left_by_torque(inside, outside, len(self._inputs))
-        return self._log_error(error)
 
     def _log_error(self, error: FloatArray) -> float:
         return float(np.mean(np.log(np.maximum(error, 1e-300) / np.maximum(self._spread, 1e-300))))

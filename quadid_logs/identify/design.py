@@ -242,7 +242,8 @@ def build_design(
     -------
     Design, or None if no segment is longer than the filters' memory.
     """
-    terms = _all_terms(structures)
+    wanted = (*RATE_TERMS, *ANGLES, *DISTURBANCES, *(term for each in structures for term in each.terms))
+    terms = tuple({term.symbol: term for term in wanted}.values())
     rotors = _rotors(data)
     grids, chunks, parts, times = [], [], [], []
     for chunk in _chunks(data):
@@ -250,7 +251,16 @@ def build_design(
         if grid.n_rows:
             grids.append(grid)
             chunks.append(chunk)
-            parts.append(_smooth_columns(chunk, data.sample_period_s, grid, terms, rotors))
+            # Products are formed before smoothing, as in eq. (11).
+            found = ((term.symbol, column_of(term, chunk, data.sample_period_s, rotors)) for term in terms)
+            raw = {symbol: column for symbol, column in found if column is not None}
+            spectrum = grid.spectrum_of(np.column_stack(list(raw.values())))
+            smoothed = dict(zip(raw, grid.lay(spectrum).T, strict=True))
+            states = [term.symbol for term in (*RATE_TERMS, *ANGLES) if term.symbol in raw]
+            slopes = grid.lay(spectrum[:, [list(raw).index(name) for name in states]], grid.s)
+            smoothed |= {f"{name}_dot": slope for name, slope in zip(states, slopes.T, strict=True)}
+            smoothed[TRIM.symbol] = np.ones(grid.n_rows)
+            parts.append(smoothed)
             row_period_s = data.sample_period_s * grid.n_padded / grid.n_out
             times.append(
                 chunk.start_s + row_period_s * np.arange(grid.rows.start, grid.rows.stop, dtype=np.float64)
@@ -262,21 +272,36 @@ def build_design(
     period_s = float(np.median(np.diff(time_s)))
     reach_s = gaussian_reach_s(smoothing_hz)
     in_all = set.intersection(*map(set, parts))
+    throttle = [segment.throttle for segment in data.segments if segment.throttle is not None]
+    if len(throttle) < len(data.segments):
+        mean_throttle = None
+    else:
+        all_throttle = np.concatenate(throttle)
+        mean_throttle = float(all_throttle.mean()) if np.std(all_throttle) > _LEAST_THROTTLE else None
     torque = RowTorque.of(
         chunks,
         grids,
-        mean_throttle=_mean_throttle(data),
+        mean_throttle=mean_throttle,
         gyro_filter=data.gyro_filter,
         row_period_s=period_s,
     )
     block, held_out, edge = _excited_blocks(number, period_s, reach_s, torque)
+    marked = [segment.time_s[segment.saturated] for segment in data.segments]
+    saturated_s = np.concatenate(marked)
+    if data.input is None or data.input.achieved or not saturated_s.size:
+        touched = np.zeros(time_s.shape, dtype=np.bool_)
+    else:
+        first = np.searchsorted(saturated_s, time_s - reach_s - _ACTUATOR_MEMORY_S)
+        after = np.searchsorted(saturated_s, time_s + reach_s)
+        touched = np.asarray(after > first, dtype=np.bool_)
+        touched = touched if np.mean(touched) < _MOST_TOUCHED else np.zeros_like(touched)
     return Design(
         time_s=time_s,
         columns={name: np.concatenate([part[name] for part in parts]) for name in in_all},
         chunk=number,
         block=block,
         held_out=held_out,
-        edge=edge | (_touched_by_saturation(data, time_s, reach_s) & ~held_out),
+        edge=edge | (touched & ~held_out),
         period_s=period_s,
         smoothing_hz=smoothing_hz,
         torque=torque,
@@ -284,12 +309,6 @@ def build_design(
         sample_period_s=data.sample_period_s,
         instruments=_instruments(chunks, grids),
     )
-
-
-def _all_terms(structures: Iterable[Structure]) -> tuple[Term, ...]:
-    """Return the terms of all structures, targets and disturbances, each once."""
-    wanted = (*RATE_TERMS, *ANGLES, *DISTURBANCES, *(term for each in structures for term in each.terms))
-    return tuple({term.symbol: term for term in wanted}.values())
 
 
 def n_smoothed(segment: Segment, period_s: float, smoothing_hz: float) -> int:
@@ -355,28 +374,6 @@ def _coarser_grid(n_samples: int, period_s: float, smoothing_hz: float) -> RowGr
     return RowGrid.of(n_samples, period_s, smoothing_hz, rows_hz=rows_hz, settle_s=_ACTUATOR_MEMORY_S)
 
 
-def _smooth_columns(
-    segment: Segment,
-    period_s: float,
-    grid: RowGrid,
-    terms: Sequence[Term],
-    rotors: RotorField | None = None,
-) -> dict[str, FloatArray]:
-    """Return the smoothed regressors and the smoothed derivatives of rates and angles, by symbol.
-
-    Products are formed before smoothing, as in eq. (11).
-    """
-    found = ((term.symbol, column_of(term, segment, period_s, rotors)) for term in terms)
-    raw = {symbol: column for symbol, column in found if column is not None}
-    spectrum = grid.spectrum_of(np.column_stack(list(raw.values())))
-    columns = dict(zip(raw, grid.lay(spectrum).T, strict=True))
-    states = [term.symbol for term in (*RATE_TERMS, *ANGLES) if term.symbol in raw]
-    slopes = grid.lay(spectrum[:, [list(raw).index(name) for name in states]], grid.s)
-    columns |= {f"{name}_dot": slope for name, slope in zip(states, slopes.T, strict=True)}
-    columns[TRIM.symbol] = np.ones(grid.n_rows)
-    return columns
-
-
 def _instruments(chunks: Sequence[Segment], grids: Sequence[RowGrid]) -> FloatArray | None:
     """Return the smoothed references at several delays; None unless all chunks have them."""
     references = [
@@ -407,15 +404,6 @@ def _not_held(chunk: Segment, held_per_s: FloatArray) -> Segment:
     return replace(chunk, reference=reference)
 
 
-def _mean_throttle(data: FlightData) -> float | None:
-    """Return the mean throttle of the flight, None where the log has none, not throughout, or a constant."""
-    throttle = [segment.throttle for segment in data.segments if segment.throttle is not None]
-    if len(throttle) < len(data.segments):
-        return None
-    all_throttle = np.concatenate(throttle)
-    return float(all_throttle.mean()) if np.std(all_throttle) > _LEAST_THROTTLE else None
-
-
 def _rotors(data: FlightData) -> RotorField | None:
     """Return where the rotors are, with their mean thrust; None unless it is known throughout."""
     thrust = [segment.rotor_thrust for segment in data.segments if segment.rotor_thrust is not None]
@@ -432,22 +420,6 @@ def _chunks(data: FlightData) -> Iterator[Segment]:
         edges = np.linspace(0, segment.n_samples, n_chunks + 1).astype(int)
         for first, after in pairwise(edges):
             yield segment.rows(slice(int(first), int(after)))
-
-
-def _touched_by_saturation(data: FlightData, time_s: FloatArray, reach_s: float) -> BoolArray:
-    """Mark rows in which a torque is felt that was commanded but not given; shape of `time_s`.
-
-    Achieved torque needs none of this. Where most rows would go, all stay:
-    `diagnose` warns of it.
-    """
-    marked = [segment.time_s[segment.saturated] for segment in data.segments]
-    saturated_s = np.concatenate(marked)
-    if data.input is None or data.input.achieved or not saturated_s.size:
-        return np.zeros(time_s.shape, dtype=np.bool_)
-    first = np.searchsorted(saturated_s, time_s - reach_s - _ACTUATOR_MEMORY_S)
-    after = np.searchsorted(saturated_s, time_s + reach_s)
-    touched = np.asarray(after > first, dtype=np.bool_)
-    return touched if np.mean(touched) < _MOST_TOUCHED else np.zeros_like(touched)
 
 
 def _excited_blocks(

@@ -36,21 +36,15 @@ def by_driven_axis(commands: FloatArray, torque: FloatArray, time_s: FloatArray)
     apart = np.zeros((chirp.size, len(AXES)))
     # Where it is not known what was commanded, nothing is: in each column.
     apart[~np.isfinite(chirp)] = np.nan
-    for run in _runs(chirp, time_s):
+    # Rests divide the runs of a chirp; its zero crossings do not.
+    moving = np.flatnonzero(np.nan_to_num(chirp))
+    runs = np.split(moving, np.flatnonzero(np.diff(time_s[moving]) > _REST_S) + 1) if moving.size else []
+    for rows in runs:
+        run = slice(int(rows[0]), int(rows[-1]) + 1)
+        # A run ends where the chirp is not known.
+        if not np.isfinite(chirp[run]).all():
+            continue
         moved = torque[run] - torque[run].mean(axis=0)
         size = np.sqrt(np.sum(moved**2, axis=0)) + np.finfo(float).tiny
         apart[run, int(np.argmax(np.abs(chirp[run] @ moved) / size))] = chirp[run]
     return np.column_stack([commands[:, : len(AXES)], apart])
-
-
-def _runs(chirp: FloatArray, time_s: FloatArray) -> list[slice]:
-    """Return the rows of each run of a chirp, which rests divide; its zero crossings are none."""
-    moving = np.flatnonzero(np.nan_to_num(chirp))
-    if not moving.size:
-        return []
-    breaks = np.flatnonzero(np.diff(time_s[moving]) > _REST_S)
-    first = moving[np.append(0, breaks + 1)]
-    last = moving[np.append(breaks, moving.size - 1)]
-    # A run ends where the chirp is not known.
-    parts = (slice(int(a), int(b) + 1) for a, b in zip(first, last, strict=True))
-    return [part for part in parts if np.isfinite(chirp[part]).all()]

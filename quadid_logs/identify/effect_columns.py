@@ -11,7 +11,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.model import Effect
-from quadid_logs.data.torque import AssumedExpo, HeldScale
+from quadid_logs.data.torque import HeldScale
 from quadid_logs.identify.rotors import Rotors, beside_linear_lag, per_rotor, rotors_known
 from quadid_logs.identify.spectral import SpectralSolution, command_records, spectra_of
 from quadid_logs.identify.torque_errors import half_steps
@@ -175,12 +175,19 @@ def effect_columns(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn
         column, weights = signals.of_loss(loss), np.broadcast_to(loss.weight, 3).tolist()
         if column is not None:
             yield from (column._replace(axes=(axis,), weight=weights[axis]) for axis in signals.moved)
-    for loss in (*_losses_of_rotors(torques, described), *_losses_of_all(torques, described)):
+    for loss in _losses_of_all(torques, described):
         column = signals.of_loss(loss)
         if column is not None:
             yield column
     yield from _late_rotors(signals, lag_s)
-    yield from _cut_steps(signals)
+    if described is not None and any(described.grid):
+        # Whole steps hide half of one, in its direction, if they were cut and not rounded: lost, it is added.
+        # One logger writes all axes: the coefficient is one if it cuts, and none if it rounds.
+        steps = np.array(described.grid, dtype=np.float64)
+        cut = Loss("cut steps", lambda torque: -half_steps(torque, steps), 1.0)
+        column = signals.of_loss(cut, spread=1.0)
+        if column is not None:
+            yield column
     yield from _tilts(signals)
     yield from _by_throttle(signals)
     yield from _by_curve(signals)
@@ -256,16 +263,13 @@ def _by_curve(signals: FlownSignals) -> Iterator[EffectColumn]:
     varies = float(np.std(slopes_at(*curve, lift)))
     if not np.isfinite(varies):
         return
-    spread = _expo_spread(described.expo)
+    # An expo is known better where rotors' speeds tell it.
+    expo = described.expo
+    measured = expo.lag_is_measured and expo.half_width > 0.0
+    spread = min(_EXPO, expo.half_width / NORMAL_95) if measured else _EXPO
     column = signals.column("varying gain", made, lost=False, spread=spread, weight=0.25, varies=varies)
     if column is not None:
         yield column
-
-
-def _expo_spread(expo: AssumedExpo) -> float:
-    """Return by how much an expo may be off, one standard deviation: less where rotors' speeds tell it."""
-    measured = expo.lag_is_measured and expo.half_width > 0.0
-    return min(_EXPO, expo.half_width / NORMAL_95) if measured else _EXPO
 
 
 def _other_curve(
@@ -286,14 +290,10 @@ def _varying(
 ) -> Iterator[EffectColumn]:
     """Yield an effectiveness of all axes that is larger by ``varies`` of each record, (n_samples,)."""
     deviation = float(np.std(np.concatenate(varies)))
-    made = [partial(_times, -each[:, np.newaxis]) for each in varies]
+    made = [partial(np.multiply, -each[:, np.newaxis]) for each in varies]
     column = signals.column("varying gain", made, lost=False, spread=spread, weight=weight, varies=deviation)
     if column is not None:
         yield column
-
-
-def _times(factor: FloatArray, torque: FloatArray) -> FloatArray:
-    return factor * torque
 
 
 def _below(torque: FloatArray, level: FloatArray) -> FloatArray:
@@ -302,6 +302,13 @@ def _below(torque: FloatArray, level: FloatArray) -> FloatArray:
 
 def _beyond(torque: FloatArray, level: FloatArray) -> FloatArray:
     return torque - np.clip(torque, -level, level)
+
+
+def _below_of_rotors(
+    torque: FloatArray, level: float, by_torque: FloatArray, per_thrust: FloatArray
+) -> FloatArray:
+    """Return the torque of what each rotor gets of its command below a level."""
+    return np.asarray(np.clip(torque @ by_torque.T, -level, level) @ per_thrust.T)
 
 
 def _losses_of_axes(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[Loss]:
@@ -314,7 +321,15 @@ def _losses_of_axes(torques: Sequence[FloatArray], described: InputDescription |
 
 
 def _losses_of_all(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[Loss]:
-    """Yield what one dead zone of the commands about all axes takes, as likely as one about each."""
+    """Yield what dead zones of the rotors take, where their mixing is known, and those of the commands.
+
+    One dead zone of the commands about all axes is as likely as one about each.
+    """
+    per_thrust, by_torque = _mixing(described)
+    if per_thrust.size:
+        for level in np.quantile(np.abs(np.concatenate(torques) @ by_torque.T), _DEAD_ZONES):
+            lost = partial(_below_of_rotors, level=level, by_torque=by_torque, per_thrust=per_thrust)
+            yield Loss("rotor threshold", lost, 1.0 / len(_DEAD_ZONES))
     for level in np.quantile(np.abs(np.concatenate(torques)), _DEAD_ZONES):
         yield Loss("threshold", partial(_below, level=level), _dead_zone_weight(level, described))
 
@@ -327,41 +342,6 @@ def _dead_zone_weight(level: FloatArray, described: InputDescription | None) -> 
     of_command = described is not None and described.kind == "torque_command"
     likelier = _OTHERS / (1.0 + level / _SMALL_DEAD_ZONE) if of_command else 0.0
     return np.asarray(0.5 * (1.0 + likelier) / len(_DEAD_ZONES), dtype=np.float64)
-
-
-def _cut_steps(signals: FlownSignals) -> Iterator[EffectColumn]:
-    """Yield what is missing in torques that were logged in whole steps if these were cut, not rounded.
-
-    One logger writes all axes: the coefficient is one if it cuts, and none if it rounds.
-    """
-    described = signals.data.input
-    if described is not None and any(described.grid):
-        lost = partial(_missing, steps=np.array(described.grid, dtype=np.float64))
-        column = signals.of_loss(Loss("cut steps", lost, 1.0), spread=1.0)
-        if column is not None:
-            yield column
-
-
-def _missing(torque: FloatArray, steps: FloatArray) -> FloatArray:
-    """Return half a step against the direction of each torque: lost, it is added."""
-    return np.asarray(-half_steps(torque, steps))
-
-
-def _losses_of_rotors(torques: Sequence[FloatArray], described: InputDescription | None) -> Iterator[Loss]:
-    """Yield what dead zones of the rotors take, where it is known how they make the torque."""
-    per_thrust, by_torque = _mixing(described)
-    if not per_thrust.size:
-        return
-    for level in np.quantile(np.abs(np.concatenate(torques) @ by_torque.T), _DEAD_ZONES):
-        lost = partial(_below_of_rotors, level=level, by_torque=by_torque, per_thrust=per_thrust)
-        yield Loss("rotor threshold", lost, 1.0 / len(_DEAD_ZONES))
-
-
-def _below_of_rotors(
-    torque: FloatArray, level: float, by_torque: FloatArray, per_thrust: FloatArray
-) -> FloatArray:
-    """Return the torque of what each rotor gets of its command below a level."""
-    return np.asarray(np.clip(torque @ by_torque.T, -level, level) @ per_thrust.T)
 
 
 def _tilts(signals: FlownSignals) -> Iterator[EffectColumn]:

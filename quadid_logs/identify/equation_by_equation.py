@@ -222,27 +222,6 @@ def fit_behind_actuator(
     -------
     _Behind
     """
-    actuator, informative, voters, regression = _on_torque(structure, design, voting, known)
-    problem = FitProblem(
-        design,
-        structure,
-        _possible(structure, informative),
-        voters,
-        every_step=data.input is not None and data.input.every_step,
-        grid=data.input.grid if data.input is not None else (0.0, 0.0, 0.0),
-    )
-    if known:
-        model = ActuatorModel(actuator, design)
-    else:
-        model = find_actuator_model(problem, actuator, data.input if rotors_known(data) else None)
-        regression = lay_out(model.design, structure, model.actuator)
-    return _Behind(problem, model, *_fit_behind(model, structure, regression))
-
-
-def _on_torque(
-    structure: Structure, design: Design, voting: Sequence[int], known: KnownActuator | None
-) -> tuple[ActuatorFit, list[int], list[int], Regression]:
-    """Find a lag on the torque and a delay, the axes that are informative behind them, voters, and rows."""
     axes = told_axes(design)
     voters = [axis for axis in axes if axis in voting] or list(voting)
     if known is None:
@@ -256,7 +235,29 @@ def _on_torque(
         actuator = fit_actuator(design, structure, chosen)
         regression = lay_out(design, structure, actuator)
         informative = _explained(_r2_commanded(regression, design), axes)
-    return actuator, informative, [axis for axis in informative if axis in voting] or voters, regression
+    voters = [axis for axis in informative if axis in voting] or voters
+    problem = FitProblem(
+        design,
+        structure,
+        _possible(structure, informative),
+        voters,
+        every_step=data.input is not None and data.input.every_step,
+        grid=data.input.grid if data.input is not None else (0.0, 0.0, 0.0),
+    )
+    if known:
+        model = ActuatorModel(actuator, design)
+    else:
+        model = find_actuator_model(problem, actuator, data.input if rotors_known(data) else None)
+        regression = lay_out(model.design, structure, model.actuator)
+    # Without what cannot be seen behind lag and delay.
+    behind, actuator, unknown = model.design, model.actuator, model.unknown
+    fit = fit_laid_out(regression, behind, structure, actuator, unknown)
+    informative = _informative(fit, told_axes(behind))
+    kept = _visible(structure, fit, informative)
+    if not kept.all():
+        regression = regression._replace(used=used_columns(behind, structure, kept))
+        fit = fit_laid_out(regression, behind, structure, actuator, unknown)
+    return _Behind(problem, model, regression, fit, informative)
 
 
 def _r2_commanded(regression: Regression, design: Design) -> FloatArray:
@@ -264,18 +265,27 @@ def _r2_commanded(regression: Regression, design: Design) -> FloatArray:
     return regression.r2_commanded(regression.solve(), design)
 
 
-def _fit_behind(
-    model: ActuatorModel, structure: Structure, regression: Regression
-) -> tuple[Regression, PooledFit, list[int]]:
-    """Fit behind lag and delay without what cannot be seen, and return rows and informative axes as well."""
-    design, actuator, unknown = model.design, model.actuator, model.unknown
-    fit = fit_laid_out(regression, design, structure, actuator, unknown)
-    informative = _informative(fit, told_axes(design))
-    kept = _visible(structure, fit, informative)
-    if not kept.all():
-        regression = regression._replace(used=used_columns(design, structure, kept))
-        fit = fit_laid_out(regression, design, structure, actuator, unknown)
-    return regression, fit, informative
+def _visible(structure: Structure, fit: PooledFit, informative: Sequence[int]) -> BoolArray:
+    """Keep possible columns whose interval is narrower than what the coefficient can be at all.
+
+    The own torque and the trim stay in any case: they are the model.
+    """
+    gain = np.abs(structure.on_axis(fit.theta))
+    kept = _possible(structure, informative) & (fit.half_width < plausible_size(structure, gain))
+    for row in range(3):
+        kept[row, len(structure.terms) + row] = True
+        if TRIM in structure.terms:
+            kept[row, structure.terms.index(TRIM)] = True
+    if YAW_REACTION in structure.terms:
+        kept[_YAW, structure.terms.index(YAW_REACTION)] = True
+        if RATE_SYMBOLS[_YAW] in structure.columns:
+            # Behind a lead, damping and effectiveness are nearly one unknown, and feedback from slow air
+            # makes the damping negative, which that of rotors cannot be. One that is not seen is less than 1
+            # 1/s in published vehicles: left out, it lowers the effectiveness by its product with the
+            # reaction, which the interval covers.
+            yaw = _YAW, structure.columns.index(RATE_SYMBOLS[_YAW])
+            kept[yaw] &= fit.theta[yaw] + fit.half_width[yaw] < 0.0
+    return kept
 
 
 def _informative(fit: PooledFit, axes: Sequence[int]) -> list[int]:
@@ -304,36 +314,6 @@ def _possible(structure: Structure, informative: Sequence[int]) -> BoolArray:
             kept[others, structure.columns.index(RATE_SYMBOLS[axis])] = False
         kept[list(silent - {axis}), structure.columns.index(TORQUE_SYMBOLS[axis])] = False
     return kept
-
-
-def _visible(structure: Structure, fit: PooledFit, informative: Sequence[int]) -> BoolArray:
-    """Keep possible columns whose interval is narrower than what the coefficient can be at all.
-
-    The own torque and the trim stay in any case: they are the model.
-    """
-    gain = np.abs(structure.on_axis(fit.theta))
-    kept = _possible(structure, informative) & (fit.half_width < plausible_size(structure, gain))
-    for row in range(3):
-        kept[row, len(structure.terms) + row] = True
-        if TRIM in structure.terms:
-            kept[row, structure.terms.index(TRIM)] = True
-    if YAW_REACTION in structure.terms:
-        kept[_YAW, structure.terms.index(YAW_REACTION)] = True
-        if RATE_SYMBOLS[_YAW] in structure.columns:
-            kept[_YAW, structure.columns.index(RATE_SYMBOLS[_YAW])] &= _damps_yaw(structure, fit)
-    return np.asarray(kept, dtype=np.bool_)
-
-
-def _damps_yaw(structure: Structure, fit: PooledFit) -> bool:
-    """Say whether yaw is seen to be damped.
-
-    Behind a lead, damping and effectiveness are nearly one unknown, and feedback from slow air makes the
-    damping negative, which that of rotors cannot be. One that is not seen is less than 1 1/s in
-    published vehicles: left out, it lowers the effectiveness by its product with the reaction, which the
-    interval covers.
-    """
-    yaw = _YAW, structure.columns.index(RATE_SYMBOLS[_YAW])
-    return bool(fit.theta[yaw] + fit.half_width[yaw] < 0.0)
 
 
 def _bands(

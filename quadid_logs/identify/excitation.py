@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -118,43 +118,46 @@ def measure_excitation(
     -------
     tuple of Excitation
     """
-    return tuple(
-        _axis(data, axis, float(signal_to_noise[axis]), float(rate_rms_rad_s[axis]), band_hz)
-        for axis in range(3)
-    )
-
-
-def _axis(
-    data: FlightData, axis: int, signal_to_noise: float, rate_rms_rad_s: float, band_hz: tuple[float, float]
-) -> Excitation:
-    torque = np.concatenate([segment.torque[:, axis] for segment in data.segments])
-    longest = max(segment.n_samples for segment in data.segments)
-    spectra = averaged_spectra(
-        ((segment.torque[:, axis], segment.body_rate_rad_s[:, axis]) for segment in data.segments),
-        period_s=data.sample_period_s,
-        n_per_segment=min(int(WINDOW_S / data.sample_period_s), longest),
-    )
-    return Excitation(
-        axis=AXES[axis],
-        torque_rms=float(np.std(torque)),
-        rate_rms_rad_s=rate_rms_rad_s,
-        signal_to_noise=signal_to_noise,
-        frequency_hz=spectra.frequency_hz,
-        rate_psd=spectra.output_psd,
-        torque_psd=spectra.input_psd,
-        coherence=spectra.coherence,
-        difference_r2=_difference_r2(spectra, data.sample_period_s),
-        path=torque_path(data.segments, axis, data.sample_period_s),
-        **_spread(spectra, band_hz)._asdict(),
-    )
-
-
-def _is_noise(spectra: Spectra) -> BoolArray:
-    frequency_hz = spectra.frequency_hz
-    nyquist_hz = frequency_hz[-1]
-    return np.asarray(
-        (frequency_hz > _NOISE_FROM * nyquist_hz) & (frequency_hz < _NOISE_TO * nyquist_hz), dtype=np.bool_
-    )
+    found = []
+    for axis in range(3):
+        torque = np.concatenate([segment.torque[:, axis] for segment in data.segments])
+        longest = max(segment.n_samples for segment in data.segments)
+        spectra = averaged_spectra(
+            ((segment.torque[:, axis], segment.body_rate_rad_s[:, axis]) for segment in data.segments),
+            period_s=data.sample_period_s,
+            n_per_segment=min(int(WINDOW_S / data.sample_period_s), longest),
+        )
+        # How the torque's power lies over the fitted band, as the fit sees it: slow drift of a trim would
+        # pass for a second frequency.
+        frequency_hz, (low_hz, cutoff_hz) = spectra.frequency_hz, band_hz
+        s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
+        seen = gaussian_response(s, cutoff_hz) ** 2
+        power = spectra.input_psd * seen * ((frequency_hz > 0.0) & (frequency_hz >= low_hz))
+        total = float(np.sum(power))
+        bandwidth = line_hz = line_fraction = float("nan")
+        if total > 0.0:
+            mean = np.sum(power * frequency_hz) / total
+            bandwidth = float(np.sqrt(np.sum(power * (frequency_hz - mean) ** 2) / total) / mean)
+            line_hz = float(frequency_hz[np.argmax(power)])
+            line_fraction = float(np.sum(power[np.abs(frequency_hz - line_hz) < _LINE_HZ]) / total)
+        found.append(
+            Excitation(
+                axis=AXES[axis],
+                torque_rms=float(np.std(torque)),
+                rate_rms_rad_s=float(rate_rms_rad_s[axis]),
+                signal_to_noise=float(signal_to_noise[axis]),
+                frequency_hz=spectra.frequency_hz,
+                rate_psd=spectra.output_psd,
+                torque_psd=spectra.input_psd,
+                coherence=spectra.coherence,
+                difference_r2=_difference_r2(spectra, data.sample_period_s),
+                path=torque_path(data.segments, axis, data.sample_period_s),
+                bandwidth=bandwidth,
+                line_hz=line_hz,
+                line_fraction=line_fraction,
+            )
+        )
+    return tuple(found)
 
 
 def _difference_r2(spectra: Spectra, period_s: float) -> float:
@@ -166,7 +169,10 @@ def _difference_r2(spectra: Spectra, period_s: float) -> float:
     if period_s > _LONGEST_SAMPLE_S:
         return float("nan")
     power = spectra.input_psd
-    noise = _is_noise(spectra) & (power > 0.0)
+    frequency_hz = spectra.frequency_hz
+    nyquist_hz = frequency_hz[-1]
+    above, below = _NOISE_FROM * nyquist_hz, _NOISE_TO * nyquist_hz
+    noise = (frequency_hz > above) & (frequency_hz < below) & (power > 0.0)
     if not noise.any():
         return float("nan")
     turn = np.exp(2j * np.pi * spectra.frequency_hz * period_s)
@@ -176,33 +182,6 @@ def _difference_r2(spectra: Spectra, period_s: float) -> float:
         own = float(np.sum((spectra.output_psd * np.abs(difference) ** 2)[noise] / power[noise]))
         found.append(max(common, 0.0) ** 2 / (own * np.count_nonzero(noise)) if own > 0.0 else 0.0)
     return max(found)
-
-
-class _Spread(NamedTuple):
-    """How the torque's power lies over the fitted band: as of `Excitation`; NaN without any power."""
-
-    bandwidth: float = float("nan")
-    line_hz: float = float("nan")
-    line_fraction: float = float("nan")
-
-
-def _spread(spectra: Spectra, band_hz: tuple[float, float]) -> _Spread:
-    """Measure the spread as the fit sees it: slow drift of a trim would pass for a second frequency."""
-    frequency_hz, (low_hz, cutoff_hz) = spectra.frequency_hz, band_hz
-    s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
-    seen = gaussian_response(s, cutoff_hz) ** 2
-    power = spectra.input_psd * seen * ((frequency_hz > 0.0) & (frequency_hz >= low_hz))
-    total = float(np.sum(power))
-    if not total > 0.0:
-        return _Spread()
-    mean = np.sum(power * frequency_hz) / total
-    line_hz = float(frequency_hz[np.argmax(power)])
-    near = np.abs(frequency_hz - line_hz) < _LINE_HZ
-    return _Spread(
-        bandwidth=float(np.sqrt(np.sum(power * (frequency_hz - mean) ** 2) / total) / mean),
-        line_hz=line_hz,
-        line_fraction=float(np.sum(power[near]) / total),
-    )
 
 
 def noise_density(data: FlightData) -> dict[str, float]:

@@ -86,7 +86,7 @@ class HorizonModel:
         Of the squared change of the rates in flights that were left out; at 1 the model does as well as "the
         rates stay".
     size : ndarray, shape (n_sizes, 3)
-        Of the residual, per unit of what `_activity` returns.
+        Of the residual, per unit of what its size goes with: how the vehicle moves at the start.
     least_size, quantile : ndarray, shape (3,)
         Of the size [rad/s]; half width of the 95 % interval over the size.
     """
@@ -181,22 +181,24 @@ class RatePredictor:
         """
         _check_same(data, self.sample_period_s, self.torque_unit)
         longest = max(each.n_steps for each in self.horizons)
-        return tuple(self._predict(model, data, longest) for model in self.horizons)
-
-    def _predict(self, model: HorizonModel, data: FlightData, longest: int) -> HorizonPrediction:
-        n_before = _n_before(self.memory_s, self.sample_period_s)
-        rows = _rows_of(data, self.groups, _Span(n_before, model.n_steps, longest))
-        change = np.column_stack([rows.columns, np.ones(len(rows.columns))]) @ model.weights
-        sizes = np.maximum(np.einsum("akm,ma->ka", rows.activity, model.size), model.least_size)
-        return HorizonPrediction(
-            n_steps=model.n_steps,
-            horizon_s=model.n_steps * self.sample_period_s,
-            start_s=rows.start_s,
-            predicted=rows.start_rate + change,
-            half_width=model.quantile * sizes,
-            measured=rows.start_rate + rows.change,
-            kept=rows.start_rate,
-        )
+        found = []
+        for model in self.horizons:
+            n_before = _n_before(self.memory_s, self.sample_period_s)
+            rows = _rows_of(data, self.groups, _Span(n_before, model.n_steps, longest))
+            change = np.column_stack([rows.columns, np.ones(len(rows.columns))]) @ model.weights
+            sizes = np.maximum(np.einsum("akm,ma->ka", rows.activity, model.size), model.least_size)
+            found.append(
+                HorizonPrediction(
+                    n_steps=model.n_steps,
+                    horizon_s=model.n_steps * self.sample_period_s,
+                    start_s=rows.start_s,
+                    predicted=rows.start_rate + change,
+                    half_width=model.quantile * sizes,
+                    measured=rows.start_rate + rows.change,
+                    kept=rows.start_rate,
+                )
+            )
+        return tuple(found)
 
 
 def fit_predictor(
@@ -272,7 +274,8 @@ class _Span(NamedTuple):
 class _Rows(NamedTuple):
     """Starts in one flight: what is known of each, and how far the rates change until its end.
 
-    ``groups`` is the name of each column's group; ``activity`` is (3, n_starts, n_sizes), by axis.
+    ``groups`` is the name of each column's group; ``activity``, (3, n_starts, n_sizes) by axis, is what the
+    size of a residual goes with.
     """
 
     start_s: FloatArray
@@ -358,57 +361,43 @@ def _rows_in(segment: Segment, started: Sequence[tuple[str, FloatArray]], span: 
     """Return the starts of one segment."""
     start = np.arange(span.n_before, segment.n_samples - span.longest, dtype=np.int64)
     rate, n_steps = segment.body_rate_rad_s, span.n_steps
-    at_start, later = _torque_over(segment.torque, start, n_steps)
+    first = min(n_steps, _START_SAMPLES)
+    at_start = _mean_over(segment.torque, start, first)
+    ends = np.linspace(first, n_steps, min(n_steps - first, _PARTS) + 1).round().astype(np.int64)
+    parts = [_mean_over(segment.torque, start + a, b - a) - at_start for a, b in pairwise(ends.tolist())]
     blocks = [(name, columns[start]) for name, columns in started]
     blocks.append((_TORQUE, at_start))
-    if later.shape[1]:
-        blocks.append((_TORQUE_CHANGE, later))
+    if parts:
+        blocks.append((_TORQUE_CHANGE, np.hstack(parts)))
     if half := span.n_before // 2:
         before = [_mean_over(segment.torque, start - ago, half) for ago in (2 * half, half)]
         blocks.append((_TORQUE_BEFORE, np.hstack([each - at_start for each in before])))
         blocks.append(
             (_RATES_BEFORE, np.hstack([rate[start] - rate[start - ago] for ago in (2 * half, half)]))
         )
+    # What the size of a residual goes with: a constant, how fast the vehicle turns and flies, how much the
+    # torque is and varies over the horizon.
+    mean, mean_square = (_mean_over(segment.torque**power, start, n_steps) for power in (1, 2))
+    varied = np.sqrt(np.maximum(mean_square - mean**2, 0.0))
+    turning = np.abs(rate[start])
+    together = [np.ones(len(start)), np.linalg.norm(turning, axis=1), np.linalg.norm(varied, axis=1)]
+    if "speed" in dict(started) and segment.velocity_m_s is not None:
+        together.append(np.linalg.norm(segment.velocity_m_s[start], axis=1))
+    own = [(turning[:, axis], varied[:, axis], np.abs(at_start[:, axis])) for axis in range(3)]
     return _Rows(
         start_s=segment.time_s[start],
         start_rate=rate[start],
         columns=np.hstack([block for _, block in blocks]),
         groups=tuple(name for name, block in blocks for _ in range(block.shape[1])),
         change=rate[start + n_steps] - rate[start],
-        activity=_activity(segment, start, n_steps, at_start, with_speed="speed" in dict(started)),
+        activity=np.stack([np.column_stack([*together, *each]) for each in own]),
     )
-
-
-def _torque_over(torque: FloatArray, start: IntArray, n_steps: int) -> tuple[FloatArray, FloatArray]:
-    """Return the torque where each horizon begins, (n, 3), and how its later parts differ, (n, 3 n_parts)."""
-    first = min(n_steps, _START_SAMPLES)
-    at_start = _mean_over(torque, start, first)
-    ends = np.linspace(first, n_steps, min(n_steps - first, _PARTS) + 1).round().astype(np.int64)
-    parts = [_mean_over(torque, start + a, b - a) - at_start for a, b in pairwise(ends.tolist())]
-    return at_start, np.hstack(parts) if parts else np.zeros((len(start), 0))
 
 
 def _mean_over(columns: FloatArray, start: IntArray, n_samples: int) -> FloatArray:
     """Return the mean over so many samples from each start on; shape (n_starts, n_columns)."""
     total = np.vstack([np.zeros(columns.shape[1]), np.cumsum(columns, axis=0)])
     return np.asarray((total[start + n_samples] - total[start]) / n_samples)
-
-
-def _activity(
-    segment: Segment, start: IntArray, n_steps: int, torque: FloatArray, *, with_speed: bool
-) -> FloatArray:
-    """Return what the size of a residual goes with, by axis: (3, n_starts, n_sizes).
-
-    A constant, how fast the vehicle turns and flies, how much the torque is and varies over the horizon.
-    """
-    mean, mean_square = (_mean_over(segment.torque**power, start, n_steps) for power in (1, 2))
-    varied = np.sqrt(np.maximum(mean_square - mean**2, 0.0))
-    rate = np.abs(segment.body_rate_rad_s[start])
-    together = [np.ones(len(start)), np.linalg.norm(rate, axis=1), np.linalg.norm(varied, axis=1)]
-    if with_speed and segment.velocity_m_s is not None:
-        together.append(np.linalg.norm(segment.velocity_m_s[start], axis=1))
-    own = [(rate[:, axis], varied[:, axis], np.abs(torque[:, axis])) for axis in range(3)]
-    return np.stack([np.column_stack([*together, *each]) for each in own])
 
 
 class _Moments(NamedTuple):
@@ -441,7 +430,30 @@ def _fit_horizon(flights: Sequence[_Rows], sets: Sequence[str], n_steps: int) ->
     residuals = [
         each.change - X @ left_out[name] for X, each, name in zip(scaled, flights, sets, strict=True)
     ]
-    size, least, quantile = _sizes(residuals, [each.activity for each in flights])
+    # Every flight counts alike. The size of residuals is a sum of activities, none of them negative, fitted
+    # to their amount in proportion to it: a calm flight's small ones count for as much as another's large
+    # ones.
+    counts = np.concatenate([np.full(len(each), 1.0 / len(each)) for each in residuals])
+    size_per_activity, least, quantiles = [], [], []
+    for axis in range(3):
+        amount = np.concatenate([np.abs(each[:, axis]) for each in residuals])
+        active = np.concatenate([each.activity[axis] for each in flights])
+        mean = float(np.average(amount, weights=counts)) or 1.0
+        unit = active.mean(axis=0)
+        unit[unit == 0.0] = 1.0
+        size = np.full(amount.shape, mean)
+        for _ in range(_SIZE_ROUNDS):
+            weight = np.sqrt(counts) / size
+            # The triangle holds all that many rows tell of few columns, and takes a hundredth of the time.
+            orthogonal, triangle = np.linalg.qr(active / unit * weight[:, np.newaxis])
+            share = np.asarray(nnls(triangle, orthogonal.T @ (amount * weight))[0]) / unit
+            size = np.maximum(active @ share, _LEAST_SIZE * mean)
+        ratio = amount / size
+        order = np.argsort(ratio)
+        below = np.cumsum(counts[order])
+        size_per_activity.append(share)
+        least.append(_LEAST_SIZE * mean)
+        quantiles.append(float(ratio[order][np.searchsorted(below, _PROBABILITY * below[-1])]))
     weights = _solve(moments, _ridge(penalties, columns_of))
     weights[:-1] /= spread[:, np.newaxis]
     return HorizonModel(
@@ -449,9 +461,9 @@ def _fit_horizon(flights: Sequence[_Rows], sets: Sequence[str], n_steps: int) ->
         weights=weights,
         penalties=penalties,
         unexplained=unexplained,
-        size=size,
-        least_size=least,
-        quantile=quantile,
+        size=np.column_stack(size_per_activity),
+        least_size=np.array(least),
+        quantile=np.array(quantiles),
     )
 
 
@@ -509,43 +521,6 @@ def _choose_penalties(
         if before - best < _GAIN:
             break
     return chosen, best
-
-
-def _sizes(
-    residuals: Sequence[FloatArray], activity: Sequence[FloatArray]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return how the size of residuals goes with activity, its least, and the quantile of their ratio.
-
-    Every flight counts alike. The size is a sum of activities, none of them negative, fitted to the amount of
-    the residuals in proportion to it: a calm flight's small ones count for as much as another's large ones.
-    """
-    counts = np.concatenate([np.full(len(each), 1.0 / len(each)) for each in residuals])
-    sizes, least, quantiles = [], [], []
-    for axis in range(3):
-        amount = np.concatenate([np.abs(each[:, axis]) for each in residuals])
-        active = np.concatenate([each[axis] for each in activity])
-        mean = float(np.average(amount, weights=counts)) or 1.0
-        unit = active.mean(axis=0)
-        unit[unit == 0.0] = 1.0
-        size = np.full(amount.shape, mean)
-        for _ in range(_SIZE_ROUNDS):
-            weight = np.sqrt(counts) / size
-            share = _not_negative(active / unit * weight[:, np.newaxis], amount * weight) / unit
-            size = np.maximum(active @ share, _LEAST_SIZE * mean)
-        ratio = amount / size
-        order = np.argsort(ratio)
-        below = np.cumsum(counts[order])
-        sizes.append(share)
-        least.append(_LEAST_SIZE * mean)
-        quantiles.append(float(ratio[order][np.searchsorted(below, _PROBABILITY * below[-1])]))
-    return np.column_stack(sizes), np.array(least), np.array(quantiles)
-
-
-def _not_negative(columns: FloatArray, target: FloatArray) -> FloatArray:
-    """Return the least-squares weights of which none is negative."""
-    # The triangle holds all that many rows tell of few columns, and takes a hundredth of the time.
-    orthogonal, triangle = np.linalg.qr(columns)
-    return np.asarray(nnls(triangle, orthogonal.T @ target)[0])
 
 
 def _mean_length(error: FloatArray) -> float:

@@ -41,8 +41,18 @@ def inertia_of(
     -------
     Inertia, or None where no axis is calibrated or B cannot be inverted.
     """
-    newton_metre, sigma = _scale(given)
-    known = np.isfinite(newton_metre) & _identified(parameters)
+    if given.unit == "N m":
+        newton_metre, sigma = np.ones(3), np.zeros(3)
+    else:
+        newton_metre, sigma = (
+            np.array(given.calibration.n_m_per_command),
+            np.nan_to_num(np.array(given.calibration.relative_sigma)),
+        )
+    own = set(zip(ACCELERATION_SYMBOLS, TORQUE_SYMBOLS, strict=True))
+    found = {each.target: each.identifiable for each in parameters if (each.target, each.regressor) in own}
+    known = np.isfinite(newton_metre) & np.array(
+        [found.get(target, False) for target in ACCELERATION_SYMBOLS], dtype=np.bool_
+    )
     columns = estimate.theta.shape[1] - 3 + np.flatnonzero(known)
     if not known.any():
         return None
@@ -59,23 +69,6 @@ def inertia_of(
         matrix=_spread(symmetric, known),
         ci95_low=_spread(symmetric - half_J, known),
         ci95_high=_spread(symmetric + half_J, known),
-    )
-
-
-def _identified(parameters: Sequence[Parameter]) -> BoolArray:
-    """Return which axes' on-axis effectiveness is identifiable; shape (3,)."""
-    own = set(zip(ACCELERATION_SYMBOLS, TORQUE_SYMBOLS, strict=True))
-    found = {each.target: each.identifiable for each in parameters if (each.target, each.regressor) in own}
-    return np.array([found.get(target, False) for target in ACCELERATION_SYMBOLS], dtype=np.bool_)
-
-
-def _scale(given: InputDescription) -> tuple[FloatArray, FloatArray]:
-    """Return N m per unit of the input, NaN where not known, and its relative sigma to add; both (3,)."""
-    if given.unit == "N m":
-        return np.ones(3), np.zeros(3)
-    return (
-        np.array(given.calibration.n_m_per_command),
-        np.nan_to_num(np.array(given.calibration.relative_sigma)),
     )
 
 

@@ -206,25 +206,15 @@ def infer(
     errors = effects.errors * weight[:, np.newaxis]
     joint = covariance_95(weighted, clusters, errors, prior)
     if feedback is not None:
-        change = _change_by_feedback(weighted, weight, effects, feedback, prior)
+        # What the whole of feedback's effect would change parameters by.
+        left = [
+            np.column_stack([own, *(column[:, row] for column in effects.unexplained.values())]) * weight[row]
+            for row, own in enumerate(feedback.unexplained)
+        ]
+        residuals = [equation.residuals[:, np.newaxis] for equation in weighted]
+        change = first_order_change(weighted, residuals, prior.size, prior, through=left)
         joint = joint + feedback.fraction**2 * change @ change.T
     return Uncertainty(joint, tuple(names))
-
-
-def _change_by_feedback(
-    weighted: Sequence[Equation],
-    weight: FloatArray,
-    effects: TorqueEffects,
-    feedback: Feedback,
-    prior_precision: FloatArray,
-) -> FloatArray:
-    """Return what the whole of feedback's effect would change parameters by; shape (n_parameters, 1)."""
-    left = [
-        np.column_stack([own, *(column[:, row] for column in effects.unexplained.values())]) * weight[row]
-        for row, own in enumerate(feedback.unexplained)
-    ]
-    residuals = [equation.residuals[:, np.newaxis] for equation in weighted]
-    return first_order_change(weighted, residuals, prior_precision.size, prior_precision, through=left)
 
 
 def feedback_left(

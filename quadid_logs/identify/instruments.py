@@ -100,7 +100,12 @@ class Projection:
         products = self._basis.T @ columns
         order = np.argsort(clusters, kind="stable")
         for rows in np.split(order, np.flatnonzero(np.diff(clusters[order])) + 1):
-            told[rows] = _told_by_others(self._basis[rows], columns[rows], products)
+            basis = self._basis[rows]
+            leverage, vector = np.linalg.eigh(basis.T @ basis)
+            elsewhere = leverage <= _MOST_LEVERAGE
+            here = np.where(elsewhere, 1.0, 0.0)[:, np.newaxis] * (vector.T @ (basis.T @ columns[rows]))
+            rest = np.where(elsewhere, 1.0 - leverage, 1.0)[:, np.newaxis]
+            told[rows] = (basis @ vector) @ ((vector.T @ products - here) / rest)
         return Projection.onto(told) if told.any() else self
 
     def directions(self, n_rows: int, rows: IntArray) -> FloatArray | None:
@@ -171,18 +176,6 @@ def held_by_attitude(design: Design) -> FloatArray:
     angles = np.column_stack([design.columns[name][train] for name in names])
     slope = np.linalg.lstsq(angles, design.instruments[train, :3], rcond=None)[0]
     return np.where(np.diag(slope) < 0.0, slope, 0.0)
-
-
-def _told_by_others(basis: FloatArray, columns: FloatArray, products: FloatArray) -> FloatArray:
-    """Return what the instruments make of the rows of one cluster, fitted to the other rows.
-
-    ``products`` are those of the basis and the columns over all rows.
-    """
-    leverage, vector = np.linalg.eigh(basis.T @ basis)
-    elsewhere = leverage <= _MOST_LEVERAGE
-    here = np.where(elsewhere, 1.0, 0.0)[:, np.newaxis] * (vector.T @ (basis.T @ columns))
-    rest = np.where(elsewhere, 1.0 - leverage, 1.0)[:, np.newaxis]
-    return np.asarray((basis @ vector) @ ((vector.T @ products - here) / rest))
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:

@@ -13,8 +13,6 @@ from quadid_logs.data.model import (
     Actuator,
     Discrete,
     Model,
-    Parameter,
-    Posterior,
     Validation,
     Windows,
 )
@@ -79,10 +77,34 @@ def actuated_model(
         windows=windows,
         found=found,
     )
+    rotors, fit, of_axes, period_s = found.model.rotors, found.fit, found.fit.of_axes, data.sample_period_s
+    posterior = None
+    if of_axes is not None and {*RATE_SYMBOLS} <= {*structure.columns}:
+        # A controller is given what the gyro shows, and gives commands: neither the gyro's scale nor the
+        # newton metres of a command make its loop less certain.
+        estimate = _widened(structure, _intervals(structure, fit, found, None), found)
+        half = 0.5 * (estimate.high - estimate.low)
+        half = np.sqrt(np.maximum(half**2 - gyro_half_width(structure, fit.as_measured) ** 2, 0.0))
+        as_measured, half = (of_loops(structure.columns, each) for each in (fit.as_measured, half))
+        seen = of_loops(structure.columns, fit.kept.astype(np.float64))[:, 1] > 0.0
+        half[:, 1] = np.where(seen, half[:, 1], 0.0)
+        of_flight = posterior_of(as_measured, half, actuator, of_axes, period_s)
+        posterior = with_damping_of_vehicles(of_flight, seen, np.array(MOST_DAMPING_1_S))
     return replace(
         model,
-        actuator=_actuator(found, data.sample_period_s),
-        posterior=_posterior(found, data.sample_period_s),
+        actuator=Actuator(
+            lag_s=actuator.lag_s,
+            lag_ci95_s=lag_interval(actuator, fit.lag_half_width_s, period_s),
+            delay_s=actuator.delay_s,
+            delay_ci95_s=delay_interval(actuator, fit.delay_half_width_s, period_s),
+            acts_on="torque" if rotors is None else "rotor speed",
+            lag_grid_s=actuator.lag_grid_s,
+            delay_grid_s=actuator.delay_grid_s,
+            loss=actuator.loss,
+            lag_up_s=float("nan") if rotors is None else rotors.up_s,
+            lag_down_s=float("nan") if rotors is None else rotors.down_s,
+        ),
+        posterior=posterior,
         band=found.band,
         change=found.change,
         formulations=found.formulations,
@@ -148,7 +170,15 @@ def build_model(
     validation, series = validate(
         design, structure, fit.as_measured, torque, disturbance=fit.disturbance, high_pass_hz=high_pass_hz
     )
-    estimate, parameters = _judged(data, structure, fit, found, _caveats_by_target(design, validation))
+    estimate = _intervals(structure, fit, found, data.input)
+    unit = data.input.unit if data.input is not None else "1"
+    parameters = build_parameters(
+        structure, estimate, input_unit=unit, caveats=_caveats_by_target(design, validation)
+    )
+    if found is not None:
+        # What is identified is judged before possible effects widen the intervals.
+        estimate = _widened(structure, estimate, found)
+        parameters = with_intervals(parameters, estimate)
     A, B = np.split(fit.theta, [len(structure.terms)], axis=1)
     return Model(
         structure=structure.name,
@@ -171,23 +201,6 @@ def build_model(
     )
 
 
-def _judged(
-    data: FlightData,
-    structure: Structure,
-    fit: PooledFit,
-    found: ActuatedFit | None,
-    caveats: Mapping[str, str],
-) -> tuple[Estimate, tuple[Parameter, ...]]:
-    """Give a fit its intervals; what is identified is judged before possible effects widen them."""
-    estimate = _intervals(structure, fit, found, data.input)
-    unit = data.input.unit if data.input is not None else "1"
-    parameters = build_parameters(structure, estimate, input_unit=unit, caveats=caveats)
-    if found is None:
-        return estimate, parameters
-    estimate = _widened(structure, estimate, found)
-    return estimate, with_intervals(parameters, estimate)
-
-
 def _intervals(
     structure: Structure, fit: PooledFit, found: ActuatedFit | None, given: InputDescription | None
 ) -> Estimate:
@@ -207,40 +220,6 @@ def _widened(structure: Structure, estimate: Estimate, found: ActuatedFit) -> Es
     """Widen intervals by effects that may be there."""
     estimate = with_alternatives(structure, estimate, found.structural)
     return with_unseen_damping(structure, with_change(structure, estimate, found.change))
-
-
-def _actuator(found: ActuatedFit, period_s: float) -> Actuator:
-    """Describe lag and delay with their intervals."""
-    actuator, rotors, fit = found.model.actuator, found.model.rotors, found.fit
-    return Actuator(
-        lag_s=actuator.lag_s,
-        lag_ci95_s=lag_interval(actuator, fit.lag_half_width_s, period_s),
-        delay_s=actuator.delay_s,
-        delay_ci95_s=delay_interval(actuator, fit.delay_half_width_s, period_s),
-        acts_on="torque" if rotors is None else "rotor speed",
-        lag_grid_s=actuator.lag_grid_s,
-        delay_grid_s=actuator.delay_grid_s,
-        loss=actuator.loss,
-        lag_up_s=float("nan") if rotors is None else rotors.up_s,
-        lag_down_s=float("nan") if rotors is None else rotors.down_s,
-    )
-
-
-def _posterior(found: ActuatedFit, period_s: float) -> Posterior | None:
-    """Return what is known together of the numbers that a control loop is made of."""
-    structure, of_axes = found.structure, found.fit.of_axes
-    if of_axes is None or not {*RATE_SYMBOLS} <= {*structure.columns}:
-        return None
-    # A controller is given what the gyro shows, and gives commands: neither the gyro's scale nor the newton
-    # metres of a command make its loop less certain.
-    estimate = _widened(structure, _intervals(structure, found.fit, found, None), found)
-    half = 0.5 * (estimate.high - estimate.low)
-    half = np.sqrt(np.maximum(half**2 - gyro_half_width(structure, found.fit.as_measured) ** 2, 0.0))
-    as_measured, half = (of_loops(structure.columns, each) for each in (found.fit.as_measured, half))
-    seen = of_loops(structure.columns, found.fit.kept.astype(np.float64))[:, 1] > 0.0
-    half[:, 1] = np.where(seen, half[:, 1], 0.0)
-    of_flight = posterior_of(as_measured, half, found.model.actuator, of_axes, period_s)
-    return with_damping_of_vehicles(of_flight, seen, np.array(MOST_DAMPING_1_S))
 
 
 def _criterion(design: Design, fit: PooledFit) -> float:

@@ -138,9 +138,11 @@ def build_parameters(
                 or (gyroscopic if term in GYROSCOPIC else "")
                 or _caveat(term, 0.5 * (high - low), scale, kept=bool(estimate.kept[row, column]))
             )
+            in_A = column < n_regressors
+            name = f"A{row + 1}{column + 1}" if in_A else f"B{row + 1}{column - n_regressors + 1}"
             found.append(
                 Parameter(
-                    name=_name(row, column, n_regressors),
+                    name=name,
                     target=target,
                     regressor=term.symbol,
                     value=value,
@@ -204,10 +206,3 @@ def _caveat(term: Term, half_width: float, scale: float, *, kept: bool) -> str:
         ends = -half_width, half_width
         return f"the 95 % interval of ±{resolved(half_width, *ends)} is wide against {resolved(scale, *ends)}"
     return ""
-
-
-def _name(row: int, column: int, n_regressors: int) -> str:
-    """Return A11, B23, ... with one-based row and column."""
-    if column < n_regressors:
-        return f"A{row + 1}{column + 1}"
-    return f"B{row + 1}{column - n_regressors + 1}"

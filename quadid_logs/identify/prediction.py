@@ -54,7 +54,14 @@ def predict_flight(
         model.targets,
         "as published" if model.actuator is None else "equation by equation",
     )
-    design = _whole_flight(build_design(data, model.smoothing_hz, (structure,)) if data.segments else None)
+    design = build_design(data, model.smoothing_hz, (structure,)) if data.segments else None
+    if design is None:
+        raise EmptyLogError(
+            "The other flight has no segment that is long enough to predict.",
+            hint="See `quadid-log info LOG`.",
+        )
+    everything = np.ones(design.time_s.shape, dtype=np.bool_)
+    design = replace(design, held_out=everything, edge=~everything)
     known = {*design.columns, *design.torque.symbols}
     if missing := [symbol for symbol in structure.regressors if symbol not in known]:
         raise EmptyLogError(f"The other flight does not hold {', '.join(missing)!a}.")
@@ -68,17 +75,6 @@ def predict_flight(
         disturbance=np.zeros((len(model.targets), n_disturbances)),
         high_pass_hz=0.0 if model.band is None else float(model.band.low_hz[0]),
     )
-
-
-def _whole_flight(design: Design | None) -> Design:
-    """Return the rows of a flight, all of them held out."""
-    if design is None:
-        raise EmptyLogError(
-            "The other flight has no segment that is long enough to predict.",
-            hint="See `quadid-log info LOG`.",
-        )
-    everything = np.ones(design.time_s.shape, dtype=np.bool_)
-    return replace(design, held_out=everything, edge=~everything)
 
 
 def _torque(design: Design, structure: Structure, actuator: Actuator | None, data: FlightData) -> FloatArray:

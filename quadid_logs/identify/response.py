@@ -136,7 +136,12 @@ def vehicle_band(response: Response) -> Band:
     for width in range(known.size, _FEWEST_BANDS - 1, -1):
         for first in range(known.size - width + 1):
             bands = slice(first, first + width)
-            if _is_one_gain(flat[:, bands], error[bands]):
+            # One of the trials gives all bands the same real, positive gain.
+            allowed = _TOLERANCE + error[bands]
+            one = flat[:, bands].real @ allowed**-2.0 / np.sum(allowed**-2.0)
+            possible = one > 0.0
+            off = np.abs(flat[possible, bands] / one[possible, np.newaxis] - 1.0)
+            if (off <= allowed + error[bands]).all(axis=1).any():
                 low_hz = float(_EDGES_HZ[known[first]]) if first else 0.0
                 to_the_end = bands.stop == known.size
                 return Band(low_hz, np.inf if to_the_end else float(_EDGES_HZ[known[bands.stop - 1] + 1]))
@@ -229,15 +234,6 @@ def feedback_in(response: Response, band: Band) -> InverseController | None:
 def _known(response: Response) -> IntArray:
     """Return the third octaves of which enough is known."""
     return np.flatnonzero(response.error < _LARGEST_ERROR)
-
-
-def _is_one_gain(flat: ComplexArray, error: FloatArray) -> bool:
-    """Say whether, for one of the trials (n_trials, n_bands), all bands have the same real, positive gain."""
-    allowed = _TOLERANCE + error
-    gain = flat.real @ allowed**-2.0 / np.sum(allowed**-2.0)
-    possible = gain > 0.0
-    off = np.abs(flat[possible] / gain[possible, np.newaxis] - 1.0)
-    return bool((off <= allowed + error).all(axis=1).any())
 
 
 def responses(data: FlightData, *, by_setpoints: Collection[int]) -> tuple[Response, ...]:

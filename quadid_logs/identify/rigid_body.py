@@ -127,7 +127,12 @@ class _Body(NamedTuple):
         With P the inverse inertia to any scale, B = P K and the damping P D,
         K and D diagonal such that the diagonals are the given ones.
         """
-        moments, P = self._inverse_inertia(x)
+        first = np.zeros((*x.shape[:-1], 1))
+        moments = np.abs(x[..., :3]) if self.calibrated else np.exp(np.append(first, x[..., self.ratios], -1))
+        P = np.zeros((*x.shape[:-1], 3, 3))
+        P[..., range(3), range(3)] = moments
+        for value, (i, j) in zip(np.moveaxis(x[..., self.correlations], -1, 0), _PAIRS, strict=True):
+            P[..., i, j] = P[..., j, i] = value * np.sqrt(moments[..., i] * moments[..., j])
         B = P * (x[..., :3] / moments)[..., np.newaxis, :]
         theta = np.zeros((*x.shape[:-1], 3, len(self.symbols)))
         theta[..., self._places(TORQUE_SYMBOLS)] = B
@@ -138,16 +143,6 @@ class _Body(NamedTuple):
         multiples = x[..., np.newaxis, self.multiples]
         theta[..., self._places(self.of_yaw_torque)] = B[..., 2:] * multiples
         return theta
-
-    def _inverse_inertia(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return its diagonal (..., 3) and itself (..., 3, 3), to any scale."""
-        first = np.zeros((*x.shape[:-1], 1))
-        moments = np.abs(x[..., :3]) if self.calibrated else np.exp(np.append(first, x[..., self.ratios], -1))
-        P = np.zeros((*x.shape[:-1], 3, 3))
-        P[..., range(3), range(3)] = moments
-        for value, (i, j) in zip(np.moveaxis(x[..., self.correlations], -1, 0), _PAIRS, strict=True):
-            P[..., i, j] = P[..., j, i] = value * np.sqrt(moments[..., i] * moments[..., j])
-        return moments, P
 
     def measured(self, x: FloatArray) -> FloatArray:
         """Return the `coefficients` for rates as the gyro shows them."""
@@ -216,7 +211,11 @@ def fit_single_rigid_body(structure: Structure, data: FlightData, first: Actuate
     if len(first.informative) < len(RATE_SYMBOLS):
         free[body.ratios] = free[body.correlations] = free[body.gyro] = False
     n_clusters = int(clusters_of(design).max()) + 1
-    problem = _reduced(rows.explained, rows.Y, 1.0 - first.fit.r2, n_clusters)
+    # The rows are reduced to a triangle; a cluster of correlated residuals counts as one observation.
+    Y = rows.Y
+    Q, R = np.linalg.qr(rows.explained)
+    squares = (1.0 - first.fit.r2) * np.sum((Y - Y.mean(axis=0)) ** 2, axis=0)
+    problem = _Reduced(R, Q.T @ Y, np.sqrt(np.maximum(squares, 1e-24) / n_clusters))
     x = _solve(body, problem, _start(body, first), free)
     if x is None:
         return None
@@ -256,13 +255,6 @@ def _start(body: _Body, first: ActuatedFit) -> FloatArray:
     loose = [known.get(name, np.zeros(3)) for name in body.loose]
     x[body.of_loose] = np.array(loose).T.ravel()
     return x
-
-
-def _reduced(explained: FloatArray, Y: FloatArray, unexplained: FloatArray, n_clusters: int) -> _Reduced:
-    """Reduce the rows to a triangle; a cluster of correlated residuals counts as one observation."""
-    Q, R = np.linalg.qr(explained)
-    squares = unexplained * np.sum((Y - Y.mean(axis=0)) ** 2, axis=0)
-    return _Reduced(R, Q.T @ Y, np.sqrt(np.maximum(squares, 1e-24) / n_clusters))
 
 
 def _slopes(function: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, Segment
 
 #: A flight is chosen from in chunks of a minute: long against the memory of
@@ -33,24 +32,18 @@ def most_excited(data: FlightData, n_samples: int) -> FlightData:
         return data
     chunks = list(_chunks(data))
     chosen, kept = [], 0
-    for number in np.argsort(-_moved(chunks), kind="stable"):
+    # Differences: a slow turn is no excitation, and neither is the bias of the gyro.
+    energy = np.array([np.sum(np.diff(chunk.body_rate_rad_s, axis=0) ** 2, axis=0) for chunk in chunks])
+    total = energy.sum(axis=0)
+    # Fractions, so that the axis that moves least counts as much as the others.
+    fraction = np.divide(energy, total, out=np.zeros_like(energy), where=total > 0.0)
+    moved = fraction.sum(axis=1) / [chunk.n_samples for chunk in chunks]
+    for number in np.argsort(-moved, kind="stable"):
         if kept >= n_samples:
             break
         chosen.append(int(number))
         kept += chunks[int(number)].n_samples
     return replace(data, segments=tuple(chunks[number] for number in sorted(chosen)))
-
-
-def _moved(chunks: list[Segment]) -> FloatArray:
-    """Return how much each chunk moves, as its fraction of the motion of each axis; shape (n_chunks,).
-
-    Fractions, so that the axis that moves least counts as much as the others.
-    """
-    # Differences: a slow turn is no excitation, and neither is the bias of the gyro.
-    energy = np.array([np.sum(np.diff(chunk.body_rate_rad_s, axis=0) ** 2, axis=0) for chunk in chunks])
-    total = energy.sum(axis=0)
-    fraction = np.divide(energy, total, out=np.zeros_like(energy), where=total > 0.0)
-    return np.asarray(fraction.sum(axis=1) / [chunk.n_samples for chunk in chunks], dtype=np.float64)
 
 
 def _chunks(data: FlightData) -> Iterator[Segment]:

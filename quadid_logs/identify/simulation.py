@@ -66,9 +66,30 @@ def simulate_rates(
     SettingsError
         If a regressor does not follow from rates, attitude, torque and throttle.
     """
-    torque, time_s = _checked(np.asarray(torque, dtype=np.float64), np.asarray(time_s, dtype=np.float64))
+    torque = np.asarray(torque, dtype=np.float64)
+    time_s = np.asarray(time_s, dtype=np.float64)
+    if time_s.ndim != 1 or time_s.size < 2 or torque.shape != (time_s.size, 3):
+        raise ShapeError(
+            f"Torques of shape {torque.shape} and times of shape {time_s.shape} do not belong together.",
+            hint="Give torque (n, 3) and time (n,) with n of at least 2.",
+        )
+    if not (np.isfinite(torque).all() and np.isfinite(time_s).all() and (np.diff(time_s) > 0.0).all()):
+        raise ShapeError("Torques and times must be finite, and times increase.")
     start = [np.zeros(3) if given is None else given for given in (start_rate_rad_s, start_attitude_rad)]
-    forcing = _forcing(model, torque, time_s, throttle)
+    # What does not depend on the state, behind lag and delay.
+    lag_s, delay_s = (0.0, 0.0) if model.actuator is None else (model.actuator.lag_s, model.actuator.delay_s)
+    delayed = np.column_stack([np.interp(time_s - delay_s, time_s, column) for column in torque.T])
+    above = np.zeros(time_s.size) if throttle is None else np.asarray(throttle, dtype=np.float64)
+    if above.shape != time_s.shape:
+        raise ShapeError(f"A throttle of shape {above.shape} does not belong to {time_s.size} times.")
+    above = np.interp(time_s - delay_s, time_s, above)
+    inputs = _lagged(np.column_stack([delayed, delayed[:, 2] * above]), time_s, lag_s)
+    columns = {TRIM.symbol: np.ones(time_s.size), THROTTLED_YAW.symbol: inputs[:, 3]}
+    columns[YAW_REACTION.symbol] = np.gradient(inputs[:, 2], time_s)
+    forcing = inputs[:, :3] @ model.B.T
+    for number, symbol in enumerate(model.regressors):
+        if symbol in columns:
+            forcing += np.outer(columns[symbol], model.A[:, number])
     slope = _slope(model, terms)
     state = np.concatenate([np.asarray(each, dtype=np.float64).reshape(3) for each in start])
     rates = np.empty((time_s.size, 3))
@@ -81,39 +102,9 @@ def simulate_rates(
     return rates
 
 
-def _checked(torque: FloatArray, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return both, if they are finite and fit together."""
-    if time_s.ndim != 1 or time_s.size < 2 or torque.shape != (time_s.size, 3):
-        raise ShapeError(
-            f"Torques of shape {torque.shape} and times of shape {time_s.shape} do not belong together.",
-            hint="Give torque (n, 3) and time (n,) with n of at least 2.",
-        )
-    if not (np.isfinite(torque).all() and np.isfinite(time_s).all() and (np.diff(time_s) > 0.0).all()):
-        raise ShapeError("Torques and times must be finite, and times increase.")
-    return torque, time_s
-
-
 def _bounded(state: FloatArray) -> FloatArray:
     """Return a state (6,) whose rates are those of something that flies."""
     return np.concatenate([np.clip(state[:3], -_MOST_RATE_RAD_S, _MOST_RATE_RAD_S), state[3:]])
-
-
-def _forcing(model: Model, torque: FloatArray, time_s: FloatArray, throttle: ArrayLike | None) -> FloatArray:
-    """Return what does not depend on the state, behind lag and delay: (n_samples, n_targets)."""
-    lag_s, delay_s = (0.0, 0.0) if model.actuator is None else (model.actuator.lag_s, model.actuator.delay_s)
-    delayed = np.column_stack([np.interp(time_s - delay_s, time_s, column) for column in torque.T])
-    above = np.zeros(time_s.size) if throttle is None else np.asarray(throttle, dtype=np.float64)
-    if above.shape != time_s.shape:
-        raise ShapeError(f"A throttle of shape {above.shape} does not belong to {time_s.size} times.")
-    above = np.interp(time_s - delay_s, time_s, above)
-    inputs = _lagged(np.column_stack([delayed, delayed[:, 2] * above]), time_s, lag_s)
-    columns = {TRIM.symbol: np.ones(time_s.size), THROTTLED_YAW.symbol: inputs[:, 3]}
-    columns[YAW_REACTION.symbol] = np.gradient(inputs[:, 2], time_s)
-    found = inputs[:, :3] @ model.B.T
-    for number, symbol in enumerate(model.regressors):
-        if symbol in columns:
-            found += np.outer(columns[symbol], model.A[:, number])
-    return np.asarray(found, dtype=np.float64)
 
 
 def _lagged(columns: FloatArray, time_s: FloatArray, lag_s: float) -> FloatArray:

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Model, Parameter, Response
+from quadid_logs.data.model import Model, Response
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.equation_by_equation import checked
@@ -97,7 +97,18 @@ def fit_slow_yaw(
     found = fit_with_reaction(data, design, structure.known(design.torque.symbols), settings, voting=(_YAW,))
     noise = ColumnNoise(noise_density(data), design.columns, cutoff_hz)
     model = actuated_model(data, checked(found.fit), settings, noise)
-    parameters = tuple(_judged(each) for each in model.parameters)
+    # The effectiveness of yaw with a wider interval; anything else is not identified.
+    own = model.entries[ON_AXIS[AXES[_YAW]]]
+    half = _BETWEEN_SAMPLES * abs(own.value)
+    low, high = (abs(bound - own.value) for bound in own.ci95)
+    wider = (own.value - float(np.hypot(low, half)), own.value + float(np.hypot(high, half)))
+    wide = 0.5 * (wider[1] - wider[0]) > MAX_RELATIVE_CI * abs(own.value)
+    parameters = tuple(
+        replace(each, ci95=wider, identifiable=not wide, reason=_WIDE if wide else "")
+        if each is own
+        else replace(each, identifiable=False, reason=_REASON)
+        for each in model.parameters
+    )
     model = replace(found.on(model), recommended=True, parameters=parameters, inertia=None)
     follows = _follows_motion(responses(data, by_setpoints=())[_YAW:], cutoff_hz)
     model = replace(model, yaw_is_inverse_controller=model.yaw_is_inverse_controller or follows)
@@ -119,14 +130,3 @@ def _follows_motion(found: Sequence[Response], cutoff_hz: float) -> bool:
             off_deg = (phase_deg - 90.0 * slope) % 360.0 - 180.0
             return slope >= _LEAST_SLOPE and abs(off_deg) <= _OFF_INVERSE_DEG
     return False
-
-
-def _judged(parameter: Parameter) -> Parameter:
-    """Return the effectiveness of yaw with its wider interval, and anything else as not identified."""
-    if (parameter.target, parameter.regressor) != ON_AXIS[AXES[_YAW]]:
-        return replace(parameter, identifiable=False, reason=_REASON)
-    half = _BETWEEN_SAMPLES * abs(parameter.value)
-    low, high = (abs(bound - parameter.value) for bound in parameter.ci95)
-    wider = (parameter.value - float(np.hypot(low, half)), parameter.value + float(np.hypot(high, half)))
-    wide = 0.5 * (wider[1] - wider[0]) > MAX_RELATIVE_CI * abs(parameter.value)
-    return replace(parameter, ci95=wider, identifiable=not wide, reason=_WIDE if wide else "")

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Actuator, Model, Parameter, Posterior, SpectralFit, TimingCheck
+from quadid_logs.data.model import Model, Parameter, SpectralFit, TimingCheck
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.actuator_model import KnownActuator
 from quadid_logs.identify.design import Design
@@ -18,7 +17,7 @@ from quadid_logs.identify.parameters import MAX_RELATIVE_CI
 from quadid_logs.identify.splice import with_axis_of, with_interval
 from quadid_logs.identify.structural import LARGE_SHIFT, is_late, possible_losses, seen_effects
 from quadid_logs.identify.structures import Structure
-from quadid_logs.identify.terms import YAW_REACTION
+from quadid_logs.identify.terms import TRIM, YAW_REACTION
 from quadid_logs.identify.validate import validate
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS, TORQUE_SYMBOLS
@@ -68,7 +67,16 @@ def spoiled_axes(model: Model, period_s: float) -> tuple[int, ...]:
     tuple of int
         0 roll, 1 pitch, 2 yaw.
     """
-    return tuple(axis for axis in range(len(AXES)) if _is_spoiled(model, axis, period_s))
+    check = model.structural
+    if check is None or is_late(check, period_s):
+        return tuple(range(len(AXES)))
+    return tuple(
+        axis
+        for axis in range(len(AXES))
+        if not explains(model, axis)
+        or any(abs(each.shift) > LARGE_SHIFT for each in possible_losses(check, axis))
+        or seen_effects(check, axis)
+    )
 
 
 def explains(model: Model, axis: int) -> bool:
@@ -85,14 +93,6 @@ def explains(model: Model, axis: int) -> bool:
     bool
     """
     return model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[axis], -np.inf) >= _EXPLAINED_R2
-
-
-def _is_spoiled(model: Model, axis: int, period_s: float) -> bool:
-    check = model.structural
-    if check is None or not explains(model, axis) or is_late(check, period_s):
-        return True
-    large = any(abs(each.shift) > LARGE_SHIFT for each in possible_losses(check, axis))
-    return large or bool(seen_effects(check, axis))
 
 
 def with_spectral_axes(
@@ -127,14 +127,28 @@ def with_spectral_axes(
     Model
     """
     for axis in axes:
-        model = with_axis_of(
-            model, _of_axis(model, structure, fits[axis], axis, data, design, settings), axis, data
-        )
+        other = _of_axis(model, structure, fits[axis], axis, data, design, settings)
+        model = with_axis_of(model, other, axis, data)
     tilting = [axis for axis in axes if axis != _YAW]
     # Lag and delay of a fit in time are those of the axes that it explains.
     in_time = any(explains(model, axis) for axis in {0, 1} - {*tilting})
     if tilting and model.actuator is not None and not in_time:
-        model = replace(model, actuator=_actuator(model.actuator, fits[tilting[0]]))
+        fit = fits[tilting[0]]
+        lag_s, delay_s = float(fit.mean[2]), float(fit.mean[3])
+        half_lag, half_delay = (NORMAL_95 * float(np.sqrt(fit.covariance[k, k])) for k in (2, 3))
+        model = replace(
+            model,
+            actuator=replace(
+                model.actuator,
+                acts_on="torque",
+                lag_s=lag_s,
+                lag_ci95_s=(max(0.0, lag_s - half_lag), lag_s + half_lag),
+                delay_s=delay_s,
+                delay_ci95_s=(max(0.0, delay_s - half_delay), delay_s + half_delay),
+                lag_up_s=float("nan"),
+                lag_down_s=float("nan"),
+            ),
+        )
     return model
 
 
@@ -179,9 +193,18 @@ def _of_axis(
     theta = np.column_stack([model.A, model.B])
     half, kept = np.zeros_like(theta), np.isfinite(theta)
     theta[axis], half[axis], kept[axis] = 0.0, np.inf, False
-    for value, width, symbol in _told(structure, fit, axis):
-        column = structure.columns.index(symbol)
-        theta[axis, column], half[axis, column], kept[axis, column] = value, width, True
+    # What the spectra tell: value, half width of the 95 % interval, symbol of the column.
+    half_widths = NORMAL_95 * np.sqrt(np.diag(fit.covariance))
+    told = [
+        (float(fit.mean[0]), float(half_widths[0]), TORQUE_SYMBOLS[axis]),
+        (float(fit.mean[1]), float(half_widths[1]), RATE_SYMBOLS[axis]),
+    ]
+    if axis == _YAW and YAW_REACTION in structure.terms:
+        told.append((float(fit.mean[4]), float(half_widths[4]), YAW_REACTION.symbol))
+    for value, width, symbol in told:
+        if symbol in structure.columns:
+            column = structure.columns.index(symbol)
+            theta[axis, column], half[axis, column], kept[axis, column] = value, width, True
     estimate = intervals(structure, theta, half, kept, knows_gyro=False, band=None, given=data.input)
     parameters = tuple(
         _parameter(old, *(float(each[row, column]) for each in (theta, estimate.low, estimate.high)))
@@ -190,10 +213,16 @@ def _of_axis(
         for old, (row, column) in zip(model.parameters, np.ndindex(theta.shape), strict=True)
     )
     torque = design.torque.behind(float(fit.mean[2]), float(fit.mean[3]), structure.inputs)
+    with_trim = theta.copy()
+    if TRIM.symbol in structure.columns:
+        # The constant that makes the equation right on average.
+        modelled = design.stack(structure.columns, torque, structure.inputs) @ theta[axis]
+        left = design.columns[ACCELERATION_SYMBOLS[axis]] - modelled
+        with_trim[axis, structure.columns.index(TRIM.symbol)] = left[design.train].mean()
     validation, series = validate(
         design,
         structure,
-        _with_trim(theta, structure, design, torque, axis),
+        with_trim,
         torque,
         disturbance=np.zeros((len(theta), len(design.disturbances(structure)))),
         high_pass_hz=settings.high_pass_hz,
@@ -201,6 +230,11 @@ def _of_axis(
     target = ACCELERATION_SYMBOLS[axis]
     validation = replace(validation, r2_commanded={**validation.r2_commanded, target: fit.r2_commanded})
     A, B = np.split(theta, [len(structure.terms)], axis=1)
+    posterior = model.posterior
+    if posterior is not None:
+        mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
+        mean[axis], covariance[axis] = fit.mean, fit.covariance
+        posterior = replace(posterior, mean=mean, covariance=covariance, only_brakes=(False, False, False))
     return replace(
         model,
         A=A,
@@ -208,20 +242,8 @@ def _of_axis(
         parameters=parameters,
         validation=validation,
         fit=series,
-        posterior=_posterior(model.posterior, fit, axis),
+        posterior=posterior,
     )
-
-
-def _told(structure: Structure, fit: SpectralFit, axis: int) -> list[tuple[float, float, str]]:
-    """Return what the spectra tell: value, half width of the 95 % interval, symbol of the column."""
-    half = NORMAL_95 * np.sqrt(np.diag(fit.covariance))
-    told = [
-        (float(fit.mean[0]), float(half[0]), TORQUE_SYMBOLS[axis]),
-        (float(fit.mean[1]), float(half[1]), RATE_SYMBOLS[axis]),
-    ]
-    if axis == _YAW and YAW_REACTION in structure.terms:
-        told.append((float(fit.mean[4]), float(half[4]), YAW_REACTION.symbol))
-    return [each for each in told if each[2] in structure.columns]
 
 
 def _parameter(old: Parameter, value: float, low: float, high: float) -> Parameter:
@@ -234,41 +256,3 @@ def _parameter(old: Parameter, value: float, low: float, high: float) -> Paramet
     known = half <= MAX_RELATIVE_CI * abs(value)
     reason = "" if known else "its interval is wide"
     return replace(old, value=value, ci95=(low, high), identifiable=known, reason=reason, half_width=half)
-
-
-def _with_trim(
-    theta: FloatArray, structure: Structure, design: Design, torque: FloatArray, axis: int
-) -> FloatArray:
-    """Return the coefficients with the constant that makes the equation right on average."""
-    if "1" not in structure.columns:
-        return theta
-    modelled = design.stack(structure.columns, torque, structure.inputs) @ theta[axis]
-    left = design.columns[ACCELERATION_SYMBOLS[axis]] - modelled
-    with_trim = theta.copy()
-    with_trim[axis, structure.columns.index("1")] = left[design.train].mean()
-    return with_trim
-
-
-def _posterior(posterior: Posterior | None, fit: SpectralFit, axis: int) -> Posterior | None:
-    """Return what is known of each axis, with one from the spectra."""
-    if posterior is None:
-        return None
-    mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
-    mean[axis], covariance[axis] = fit.mean, fit.covariance
-    return replace(posterior, mean=mean, covariance=covariance, only_brakes=(False, False, False))
-
-
-def _actuator(actuator: Actuator, fit: SpectralFit) -> Actuator:
-    """Return the actuator with lag and delay by the spectra."""
-    lag_s, delay_s = float(fit.mean[2]), float(fit.mean[3])
-    half_lag, half_delay = (NORMAL_95 * float(np.sqrt(fit.covariance[k, k])) for k in (2, 3))
-    return replace(
-        actuator,
-        acts_on="torque",
-        lag_s=lag_s,
-        lag_ci95_s=(max(0.0, lag_s - half_lag), lag_s + half_lag),
-        delay_s=delay_s,
-        delay_ci95_s=(max(0.0, delay_s - half_delay), delay_s + half_delay),
-        lag_up_s=float("nan"),
-        lag_down_s=float("nan"),
-    )

@@ -111,10 +111,25 @@ def average_over_effects(solution: SpectralSolution, data: FlightData) -> tuple[
     columns = [*effect_columns(signals, solution.actuator.lag_s)]
     equations = _Equations(solution)
     while True:
-        tried = [*columns, *variation_columns(signals, *_over_noise(equations))]
+        # What is left of all axes and what is explained, over the noise.
+        error, explained = np.zeros((2, *solution.told.shape), dtype=np.complex128)
+        for axis, theta, left in zip(equations.axes, equations.theta, equations.error, strict=True):
+            noise = shared(np.mean(np.abs(left) ** 2, axis=0)) / shared(np.ones(left.shape[1]))
+            scale = 1.0 / np.sqrt(np.maximum(noise.real, _TINY))
+            error[:, :, axis.number] = scale * left
+            explained[:, :, axis.number] = scale * theta[0] * axis.response(equations.actuator)[0] * axis.told
+        tried = [*columns, *variation_columns(signals, error, explained)]
         found = [equations.with_one_more(each) for each in tried if equations.allows(each)]
         likely = _probabilities(found)
-        best = _likeliest(found, likely)
+        # The likeliest level of the likeliest effect that the flight shows, if it shows one.
+        best, chance = None, _SHOWN
+        for kind, axes in {(each.column.kind, each.column.axes) for each in found}:
+            levels = [
+                k for k, each in enumerate(found) if (each.column.kind, each.column.axes) == (kind, axes)
+            ]
+            if likely[levels].sum() > chance:
+                chance = float(likely[levels].sum())
+                best = found[max(levels, key=lambda number: likely[number])].column
         if best is None:
             break
         equations = equations.beside(best)
@@ -166,21 +181,6 @@ def _probabilities(found: Sequence[_Posterior]) -> FloatArray:
     whole = np.logaddexp.reduce([by_themselves, *odds[shared_by_axes]])
     of_axes = np.array(each_by_itself)[axes] + whole - by_themselves
     return np.asarray(np.exp(odds - np.where(shared_by_axes, whole, of_axes)))
-
-
-def _likeliest(found: Sequence[_Posterior], likely: FloatArray) -> EffectColumn | None:
-    """Return the likeliest level of the likeliest effect that the flight shows, if it shows one."""
-    best, chance = None, _SHOWN
-    for kind, axes in {(each.column.kind, each.column.axes) for each in found}:
-        levels = [
-            number
-            for number, each in enumerate(found)
-            if (each.column.kind, each.column.axes) == (kind, axes)
-        ]
-        if likely[levels].sum() > chance:
-            chance = float(likely[levels].sum())
-            best = found[max(levels, key=lambda number: likely[number])].column
-    return best
 
 
 class _Moments(NamedTuple):
@@ -259,21 +259,20 @@ class _Equations:
             axis.error(theta, self.actuator) for axis, theta in zip(self.axes, self.theta, strict=True)
         ]
         self.n_known = _AXES + sum(theta.size for theta in self.theta)
-        self.known = [self._known(place) for place in range(len(self.axes))]
+        # The rows of each axis without effects: slopes by the actuator, then its linear columns.
+        self.known = []
+        for axis, theta in zip(self.axes, self.theta, strict=True):
+            columns = axis.system(self.actuator)[0]
+            slopes = theta[0] * by_coordinates(axis.white_commanded, self.actuator)
+            # The priors of what is linear do not move with the actuator.
+            slopes = np.vstack([slopes, np.zeros((len(columns) - len(slopes), _AXES))])
+            self.known.append(np.column_stack([slopes, columns]))
         self._by_shown: dict[int, _Moments] = {}
         self._lines: dict[int, ComplexArray] = {}
         self._of_shown: dict[int, _Shown] = {}
         self.base = self._normal(shown)
         known = self.base.main[: self.n_known, : self.n_known]
         self._covariance = np.asarray(np.linalg.pinv(known, hermitian=True), dtype=np.float64)
-
-    def _known(self, place: int) -> FloatArray:
-        """Return the rows of an axis without effects: slopes by the actuator, then its linear columns."""
-        columns = self.axes[place].system(self.actuator)[0]
-        slopes = self.theta[place][0] * by_coordinates(self.axes[place].white_commanded, self.actuator)
-        # The priors of what is linear do not move with the actuator.
-        slopes = np.vstack([slopes, np.zeros((len(columns) - len(slopes), _AXES))])
-        return np.column_stack([slopes, columns])
 
     def allows(self, column: EffectColumn) -> bool:
         """Say whether an effect may be tried beside those that are shown."""
@@ -294,7 +293,18 @@ class _Equations:
 
     def with_one_more(self, column: EffectColumn) -> _Posterior:
         """Return what one more effect does beside those that are shown."""
-        normal, right, main = self._with(column)
+        # The size of one more effect is free.
+        columns, n = [*self.shown, column], self.n_known + len(self.shown)
+        found = _Normal.none(n + 1)
+        found.normal[:n, :n], found.right[:n], found.main[:n, :n] = self.base
+        for place, axis in enumerate(self.axes):
+            if axis.number in column.axes:
+                # What is shown is taken away for every effect that is tried.
+                if place not in self._by_shown:
+                    self._by_shown[place] = self._moments(place, self.shown)
+                found.add(self._by_shown[place], -1.0)
+                found.add(self._moments(place, columns))
+        normal, right, main = found
         covariance = np.linalg.pinv(normal[:-1, :-1], hermitian=True)
         moved = -covariance @ normal[:-1, -1]
         information = float(normal[-1, -1] + normal[-1, :-1] @ moved)
@@ -336,7 +346,12 @@ class _Equations:
     def fit_of(self, place: int, found: Sequence[_Posterior], likely: FloatArray) -> SpectralFit:
         """Return the estimate of an axis with what effects that are shown, and one more, may still be."""
         axis, own = self.axes[place], self.own(place)[: _AXES + 2]
-        covariance = self._with_shown()[np.ix_(own, own)]
+        # The estimate is that of the moments of the commanded torque. What an effect has moments of its own
+        # for is its size: they are at the same frequencies, and depart with the others.
+        by_shown = self._covariance @ self.base.main[: self.n_known, self.n_known :]
+        whole = np.asarray(np.linalg.pinv(self.base.normal, hermitian=True), dtype=np.float64)
+        of_shown = whole[self.n_known :, self.n_known :]
+        covariance = (self._covariance + by_shown @ of_shown @ by_shown.T)[np.ix_(own, own)]
         for chance, each in zip(likely.tolist(), found, strict=True):
             if axis.number in each.column.axes:
                 by_effect = np.outer(each.moved[own], each.moved[own])
@@ -344,17 +359,6 @@ class _Equations:
         fit, gain = self.fits[axis.number], float(self.theta[place][0])
         spread, half_width = spread_and_half_width(axis, gain, self.actuator, covariance)
         return replace(fit, covariance=spread, half_width=half_width)
-
-    def _with_shown(self) -> FloatArray:
-        """Return the covariance of the estimate with that of the effects that it knows of.
-
-        The estimate is that of the moments of the commanded torque. What an effect has moments of its own
-        for is its size: they are at the same frequencies, and depart with the others.
-        """
-        by_shown = self._covariance @ self.base.main[: self.n_known, self.n_known :]
-        whole = np.asarray(np.linalg.pinv(self.base.normal, hermitian=True), dtype=np.float64)
-        of_shown = whole[self.n_known :, self.n_known :]
-        return np.asarray(self._covariance + by_shown @ of_shown @ by_shown.T)
 
     def _scale(self, column: EffectColumn) -> float:
         """Return the square of what one unit of a coefficient is: of lost torque, the mean effectiveness."""
@@ -378,20 +382,6 @@ class _Equations:
             information = 1.0 / (column.spread**2 * self._scale(column))
             found.normal[number, number] += information
             found.right[number] -= information * taken[number - self.n_known]
-        return found
-
-    def _with(self, column: EffectColumn) -> _Normal:
-        """Return the normal equations with one more effect, whose size is free."""
-        columns, n = [*self.shown, column], self.n_known + len(self.shown)
-        found = _Normal.none(n + 1)
-        found.normal[:n, :n], found.right[:n], found.main[:n, :n] = self.base
-        for place, axis in enumerate(self.axes):
-            if axis.number in column.axes:
-                # What is shown is taken away for every effect that is tried.
-                if place not in self._by_shown:
-                    self._by_shown[place] = self._moments(place, self.shown)
-                found.add(self._by_shown[place], -1.0)
-                found.add(self._moments(place, columns))
         return found
 
     def _moments(self, place: int, columns: Sequence[EffectColumn]) -> _Moments:
@@ -436,7 +426,23 @@ class _Equations:
             if column.told is not None:
                 told = column.told[:, :, axis.number] * axis.response(self.actuator._replace(lead_s=0.0))[0]
                 instruments.append(_without(axis, told, instruments))
-                own.append(self._own_moments(place, instruments[-1]))
+                # The equations of the effect's own instrument without those of effects.
+                instrument, theta = instruments[-1], self.theta[place]
+                weight = instrument.conj()
+                if place not in self._lines:
+                    torques = [axis.acting(each) for each in (*around(self.actuator), self.actuator)]
+                    self._lines[place] = np.stack([*torques, *axis.regressors, self.error[place]])
+                moments = axis.summed((weight * self._lines[place]).sum(axis=1))
+                size = theta[0] * np.abs(moments[_N_AROUND])
+                variance = 0.5 * moment_noise(axis, instrument, self.error[place])
+                variance += axis.variance_of_departure() * size**2
+                scale = 1.0 / np.sqrt(
+                    np.maximum(variance, 1e-12 * max(float(variance.max(initial=0.0)), _TINY))
+                )
+                equations = _Own(weight, scale, np.zeros((0, _AXES)), (), np.zeros(0))
+                white = equations.white(moments)
+                slopes = theta[0] * slopes_of([*white[:_N_AROUND]])
+                own.append(equations._replace(slopes=slopes, known=[*white[_N_AROUND:-1]], left=white[-1]))
         effects = [*before.effects, *(self._acting(place, column) for column in columns)]
         return _Shown(effects, instruments, own)
 
@@ -452,22 +458,6 @@ class _Equations:
         response, slope = axis.response(self.actuator)
         unit = float(self.theta[place][0]) if len(column.axes) > 1 else 1.0
         return np.asarray(-unit * (response * values + slope * by_slope))
-
-    def _own_moments(self, place: int, instrument: ComplexArray) -> _Own:
-        """Return the equations of an effect's own instrument without those of effects."""
-        axis, theta, weight = self.axes[place], self.theta[place], instrument.conj()
-        if place not in self._lines:
-            torques = [axis.acting(each) for each in (*around(self.actuator), self.actuator)]
-            self._lines[place] = np.stack([*torques, *axis.regressors, self.error[place]])
-        moments = axis.summed((weight * self._lines[place]).sum(axis=1))
-        size = theta[0] * np.abs(moments[_N_AROUND])
-        variance = 0.5 * moment_noise(axis, instrument, self.error[place])
-        variance += axis.variance_of_departure() * size**2
-        scale = 1.0 / np.sqrt(np.maximum(variance, 1e-12 * max(float(variance.max(initial=0.0)), _TINY)))
-        own = _Own(weight, scale, np.zeros((0, _AXES)), (), np.zeros(0))
-        white = own.white(moments)
-        slopes = theta[0] * slopes_of([*white[:_N_AROUND]])
-        return own._replace(slopes=slopes, known=[*white[_N_AROUND:-1]], left=white[-1])
 
 
 def _positive(mean: float, variance: float) -> tuple[float, float, float]:
@@ -487,18 +477,3 @@ def _without(axis: AxisMoments, told: ComplexArray, others: Sequence[ComplexArra
         held = axis.summed((other.conj() * told).sum(axis=0)) / power
         told = told - np.repeat(held, widths) * other
     return told
-
-
-def _over_noise(equations: _Equations) -> tuple[ComplexArray, ComplexArray]:
-    """Return what is left of all axes and what is explained, over the noise.
-
-    Shapes are (n_blocks, n_lines, 3).
-    """
-    solution = equations.solution
-    error, explained = np.zeros((2, *solution.told.shape), dtype=np.complex128)
-    for axis, theta, left in zip(equations.axes, equations.theta, equations.error, strict=True):
-        noise = shared(np.mean(np.abs(left) ** 2, axis=0)) / shared(np.ones(left.shape[1]))
-        scale = 1.0 / np.sqrt(np.maximum(noise.real, _TINY))
-        error[:, :, axis.number] = scale * left
-        explained[:, :, axis.number] = scale * theta[0] * axis.response(equations.actuator)[0] * axis.told
-    return error, explained

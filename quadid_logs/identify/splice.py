@@ -10,7 +10,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import ChangeCheck, FitSeries, FormulationCheck, Model, Posterior, Validation
+from quadid_logs.data.model import ChangeCheck, FitSeries, FormulationCheck, Model
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.inference import Estimate
 from quadid_logs.identify.model import discrete_of
@@ -45,19 +45,34 @@ def with_axis_of(model: Model, other: Model, axis: int, data: FlightData) -> Mod
     bounds = np.array([each.ci95 for each in parameters])
     low, high = bounds.T.reshape(2, len(A), -1)
     estimate = Estimate(theta=np.column_stack([A, B]), low=low, high=high, kept=np.isfinite(high))
+    names = (ACCELERATION_SYMBOLS[axis], RATE_SYMBOLS[axis])
+    changes: dict[str, Any] = {}
+    for each in fields(model.validation):
+        values, own = (getattr(one.validation, each.name) for one in (model, other))
+        if isinstance(values, Mapping):
+            changes[each.name] = {**values, **{name: own[name] for name in own if name in names}}
+    posterior, second = model.posterior, other.posterior
+    if posterior is None or second is None:
+        posterior = None
+    else:
+        mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
+        mean[axis], covariance[axis] = second.mean[axis], second.covariance[axis]
+        pairs = zip(posterior.only_brakes, second.only_brakes, strict=True)
+        roll, pitch, yaw = (new if number == axis else old for number, (old, new) in enumerate(pairs))
+        posterior = replace(posterior, mean=mean, covariance=covariance, only_brakes=(roll, pitch, yaw))
     return replace(
         model,
         A=A,
         B=B,
         parameters=parameters,
-        validation=_validation(model.validation, other.validation, axis),
+        validation=replace(model.validation, **changes),
         inertia=None if data.input is None else inertia_of(estimate, parameters, data.input),
         discrete=discrete_of(model.states, model.regressors, A, B, data.sample_period_s),
         fit=_series(model.fit, other.fit, axis),
         change=_columns(model.change, other.change, axis),
         formulations=_columns(model.formulations, other.formulations, axis),
         bootstrap_half_width=_column(model.bootstrap_half_width, other.bootstrap_half_width, axis),
-        posterior=_posterior(model.posterior, other.posterior, axis),
+        posterior=posterior,
     )
 
 
@@ -86,16 +101,6 @@ def with_interval(model: Model, axis: int, ci95: tuple[float, float]) -> Model:
     return replace(model, parameters=parameters, posterior=posterior)
 
 
-def _posterior(first: Posterior | None, second: Posterior | None, axis: int) -> Posterior | None:
-    """Return what is known of each axis, with one from the second."""
-    if first is None or second is None:
-        return None
-    mean, covariance = first.mean.copy(), first.covariance.copy()
-    mean[axis], covariance[axis] = second.mean[axis], second.covariance[axis]
-    roll, pitch, yaw = ((second if number == axis else first).only_brakes[number] for number in range(_AXES))
-    return replace(first, mean=mean, covariance=covariance, only_brakes=(roll, pitch, yaw))
-
-
 def _row(first: FloatArray, second: FloatArray, axis: int) -> FloatArray:
     """Return the first matrix with one row from the second."""
     return np.where(np.arange(len(first))[:, np.newaxis] == axis, second, first)
@@ -115,18 +120,6 @@ def _columns(first: _Check | None, second: _Check | None, axis: int) -> _Check |
         for each in fields(first)
     }
     return replace(first, **arrays)
-
-
-def _validation(first: Validation, second: Validation, axis: int) -> Validation:
-    """Return a validation with the figures of one axis from another one."""
-    names = (ACCELERATION_SYMBOLS[axis], RATE_SYMBOLS[axis])
-    changes: dict[str, Any] = {}
-    for each in fields(first):
-        values = getattr(first, each.name)
-        if isinstance(values, Mapping):
-            own = {name: value for name, value in getattr(second, each.name).items() if name in names}
-            changes[each.name] = {**values, **own}
-    return replace(first, **changes)
 
 
 def _series(first: FitSeries | None, second: FitSeries | None, axis: int) -> FitSeries | None:

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray, IntArray
-from quadid_logs.data.flight import InputDescription, Segment
+from quadid_logs.data.flight import InputDescription
 from quadid_logs.data.model import Effect, EffectCheck, StructuralCheck, TimingCheck
 from quadid_logs.identify.actuator_model import ActuatorModel, FitProblem, KnownActuator, free_actuator_model
 from quadid_logs.identify.design import Design
@@ -264,6 +264,7 @@ def check_structure(
         return [*_effects(candidates, equations), *_of_rotors(dead_zones, equations)]
 
     found = look(equations)
+    stage = first_stage(design)
     check = StructuralCheck(
         effects=tuple(each.check for each in found),
         timing=known.timing if known else None if free is None else _timing(problem, free, fit),
@@ -274,7 +275,7 @@ def check_structure(
         feedback=_feedback(design, fit),
         instrumented=design.instruments is not None,
         own_timing=_own_timing(structure, regression, equations),
-        strength=_strength(design),
+        strength=np.full(3, np.nan) if stage is None else np.asarray(stage.statistic / stage.needed),
     )
     return replace(check, together=_together(check, equations, found, look))
 
@@ -312,12 +313,6 @@ def _together(
     return together
 
 
-def _strength(design: Design) -> FloatArray:
-    """Return how strongly instruments drive each torque, over what they must; shape (3,), NaN without any."""
-    found = first_stage(design)
-    return np.full(3, np.nan) if found is None else np.asarray(found.statistic / found.needed)
-
-
 def with_alternatives(structure: Structure, estimate: Estimate, check: StructuralCheck) -> Estimate:
     """Widen the intervals of the on-axis effectiveness to what it would be with effects that may be there.
 
@@ -336,9 +331,22 @@ def with_alternatives(structure: Structure, estimate: Estimate, check: Structura
         place = axis, len(structure.terms) + axis
         gain = estimate.theta[place]
         of_timing = 0.0 if check.timing is None else check.timing.shift[axis]
-        seen, possible = _shifts(check, axis)
-        own = check.own_timing[axis] if _spoils_timing(check, axis) else 0.0
-        lost = [1.0 + each.most for each in _rotor_losses(check, axis)]
+        # How much larger, relative, the effectiveness is with what is seen, and with what may be there.
+        there, may_be = seen_effects(check, axis), _possible(check, axis)
+        seen = np.array([0.0, max(there, key=_explained).shift] if there else [0.0])
+        # An amplitude that is lost makes the effectiveness low. A misfit of the response that looks like one
+        # of the others may be of something that moves it the other way.
+        opposite = [-each.shift for each in may_be if each.effect not in _OF_AMPLITUDE]
+        possible = np.array([0.0, *(each.shift for each in may_be), *opposite])
+        # An effect on another axis may have made the lag and the delay that all have in common.
+        elsewhere = any(seen_effects(check, other) for other in range(3) if other != axis)
+        own = check.own_timing[axis] if elsewhere else 0.0
+        # The dead zone of the rotors that the axis has, or may have.
+        lost = [
+            1.0 + each.most
+            for each in check.effects
+            if (each.axis, each.effect) == (axis, "rotor threshold") and each.statistic >= _EFFECT_POSSIBLE
+        ]
         factors = np.array(
             [1.0, *(1.0 + of_timing) * (1.0 + seen), 1.0 + own, *lost, 1.0 + check.together[axis]]
         )
@@ -381,30 +389,6 @@ def with_unseen_damping(structure: Structure, estimate: Estimate) -> Estimate:
     high = estimate.high.copy()
     high[2, len(structure.terms) + 2] += abs(estimate.theta[2, reaction]) * MOST_DAMPING_1_S[2]
     return estimate._replace(high=high)
-
-
-def _shifts(check: StructuralCheck, axis: int) -> tuple[FloatArray, FloatArray]:
-    """Return how much larger, relative, the effectiveness is with what is seen, and what may be there."""
-    seen = seen_effects(check, axis)
-    if seen:
-        return np.array([0.0, max(seen, key=_explained).shift]), np.zeros(1)
-    possible = _possible(check, axis)
-    shifts = [each.shift for each in possible]
-    # An amplitude that is lost makes the effectiveness low. A misfit of the response that looks like one of
-    # the others may be of something that moves it the other way.
-    opposite = [-each.shift for each in possible if each.effect not in _OF_AMPLITUDE]
-    return np.zeros(1), np.array([0.0, *shifts, *opposite])
-
-
-def _rotor_losses(check: StructuralCheck, axis: int) -> list[EffectCheck]:
-    """Return the dead zone of the rotors that an axis has, or may have."""
-    found = [each for each in check.effects if each.axis == axis and each.effect == "rotor threshold"]
-    return [each for each in found if each.statistic >= _EFFECT_POSSIBLE]
-
-
-def _spoils_timing(check: StructuralCheck, axis: int) -> bool:
-    """Say whether an effect on another axis may have made the lag and the delay that all have in common."""
-    return any(seen_effects(check, other) for other in range(3) if other != axis)
 
 
 def evidence_needed(check: StructuralCheck, effect: EffectCheck) -> tuple[float, float]:
@@ -616,7 +600,16 @@ def _checked(candidate: _Candidate, axis: int, found: _Extended) -> EffectCheck:
 
 def _candidates(design: Design, model: ActuatorModel, regression: Regression) -> Iterator[_Candidate]:
     """Yield all effects that are looked for."""
-    yield from _thresholds(design, model, regression)
+    # The torque cut off at one level after the other.
+    torques = [chunk.torque for chunk in design.chunks]
+    behind = _behind(design, model, torques)
+    predicted = None if design.instruments is None else regression.project(behind)
+    levels = np.quantile(np.abs(np.concatenate(torques)), [*_LEVELS, *_PEAKS], axis=0)
+    for number, level in enumerate(levels):
+        cut_off = _behind(design, model, [np.clip(torque, -level, level) for torque in torques])
+        instrument = None if predicted is None else np.clip(predicted, -level, level)[..., np.newaxis]
+        effect: Effect = "threshold" if number < len(_LEVELS) else "limit"
+        yield _Candidate(effect, cut_off[..., np.newaxis], level, instrument)
     yield from _modes(design, model)
     none = np.full(3, np.nan)
     yield from _tilts(design)
@@ -624,7 +617,15 @@ def _candidates(design: Design, model: ActuatorModel, regression: Regression) ->
         curved = _shaped(design, model, lambda s: (s * lag_response(s, model.actuator.lag_s)) ** 2)
         yield _Candidate("second lag", curved[..., np.newaxis], none)
         if model.rotors is None:
-            yield _Candidate("asymmetry", _asymmetry(design, model)[..., np.newaxis], none)
+            # While the torque rises, half of the rotors spin up and half down, and the thrust of all is off
+            # by what the torque lacks, rectified and lagged: that much rotors that spin down more slowly take
+            # from it, in the direction of its change.
+            period_s, lag_s = design.sample_period_s, model.actuator.lag_s
+            found = []
+            for chunk in design.chunks:
+                lacking = chunk.torque - lag(chunk.torque, period_s, lag_s)
+                found.append(np.sign(lacking) * lag(np.abs(lacking), period_s, lag_s))
+            yield _Candidate("asymmetry", _behind(design, model, found)[..., np.newaxis], none)
 
 
 def _shaped(design: Design, model: ActuatorModel, response: _Response) -> FloatArray:
@@ -639,19 +640,6 @@ def _behind(design: Design, model: ActuatorModel, torques: list[FloatArray]) -> 
     """Return other torques, one (n_samples, 3) per chunk, behind the actuator; shape (n_train, 3)."""
     lag_s, delay_s = model.actuator.lag_s, model.actuator.delay_s
     return design.torque.replaced(torques).behind(lag_s, delay_s)[design.train]
-
-
-def _thresholds(design: Design, model: ActuatorModel, regression: Regression) -> Iterator[_Candidate]:
-    """Yield the torque cut off at one level after the other."""
-    torques = [chunk.torque for chunk in design.chunks]
-    behind = _behind(design, model, torques)
-    predicted = None if design.instruments is None else regression.project(behind)
-    levels = np.quantile(np.abs(np.concatenate(torques)), [*_LEVELS, *_PEAKS], axis=0)
-    for number, level in enumerate(levels):
-        cut_off = _behind(design, model, [np.clip(torque, -level, level) for torque in torques])
-        instrument = None if predicted is None else np.clip(predicted, -level, level)[..., np.newaxis]
-        effect: Effect = "threshold" if number < len(_LEVELS) else "limit"
-        yield _Candidate(effect, cut_off[..., np.newaxis], level, instrument)
 
 
 class _DeadZone(NamedTuple):
@@ -744,10 +732,12 @@ def _tilts(design: Design) -> Iterator[_Candidate]:
     The string pulls along the angle between vehicle and load, and the load follows the vehicle, which
     moves where its thrust is tilted to.
     """
-    spectra = [
-        grid.spectrum_of(_tilt(chunk, design.sample_period_s))
-        for chunk, grid in zip(design.chunks, design.torque.grids, strict=True)
-    ]
+    spectra = []
+    for chunk, grid in zip(design.chunks, design.torque.grids, strict=True):
+        angles = chunk.attitude_rad
+        if angles is None:
+            angles = tilt_from_rates(chunk.body_rate_rad_s, design.sample_period_s)
+        spectra.append(grid.spectrum_of(np.column_stack([angles[:, :2], np.zeros(chunk.n_samples)])))
 
     def behind(response: _Response) -> FloatArray:
         each = zip(design.torque.grids, spectra, strict=True)
@@ -771,30 +761,6 @@ def _resonance(frequency_hz: float) -> tuple[_Response, _Response]:
         return np.asarray(found, dtype=np.complex128)
 
     return deflection, lambda s: s / omega * deflection(s)
-
-
-def _tilt(chunk: Segment, period_s: float) -> FloatArray:
-    """Return roll and pitch, and zeros for yaw; shape (n_samples, 3)."""
-    tilt = (
-        tilt_from_rates(chunk.body_rate_rad_s, period_s)
-        if chunk.attitude_rad is None
-        else chunk.attitude_rad[:, :2]
-    )
-    return np.column_stack([tilt, np.zeros(chunk.n_samples)])
-
-
-def _asymmetry(design: Design, model: ActuatorModel) -> FloatArray:
-    """Return what rotors that spin down more slowly than up take from the torque; shape (n_train, 3).
-
-    While the torque rises, half of the rotors spin up and half down, and the thrust of all is off by what the
-    torque lacks, rectified and lagged: that much the torque lacks more, in the direction of its change.
-    """
-    period_s, lag_s = design.sample_period_s, model.actuator.lag_s
-    found = []
-    for chunk in design.chunks:
-        lacking = chunk.torque - lag(chunk.torque, period_s, lag_s)
-        found.append(np.sign(lacking) * lag(np.abs(lacking), period_s, lag_s))
-    return _behind(design, model, found)
 
 
 def _own_timing(

@@ -169,9 +169,10 @@ class RowTorque:
             grid.spectrum_of(np.column_stack([chunk[symbol] for symbol in symbols]))
             for grid, chunk in zip(self.grids, columns, strict=True)
         ]
-        for number in _differentiated(symbols):
-            for spectrum, grid in zip(spectra, self.grids, strict=True):
-                spectrum[:, number] *= grid.s
+        for term in TORQUE_TERMS:
+            if term.differentiated and term.symbol in symbols:
+                for spectrum, grid in zip(spectra, self.grids, strict=True):
+                    spectrum[:, symbols.index(term.symbol)] *= grid.s
         return replace(self, symbols=symbols, spectra=tuple(spectra))
 
     def chosen(self, numbers: Sequence[int]) -> RowTorque:
@@ -220,9 +221,3 @@ class RowTorque:
         if self.high_pass_hz:
             parts = [high_pass(part, self.row_period_s, self.high_pass_hz) for part in parts]
         return np.concatenate(parts)
-
-
-def _differentiated(symbols: Sequence[str]) -> list[int]:
-    """Return the places of the columns that are derivatives by time."""
-    names = [term.symbol for term in TORQUE_TERMS if term.differentiated]
-    return [number for number, symbol in enumerate(symbols) if symbol in names]

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.data.torque import TorqueComparison
@@ -69,8 +69,12 @@ def compare_torques(
     TorqueComparison or None
         None where no axis of the flight tells either of them.
     """
-    if not all(_is_fast(each) for each in (preferred, other)):
-        return None
+    for each in (preferred, other):
+        if not each.segments or each.input is None:
+            return None
+        needed = [each.sources[name] for name in (each.input.kind, "body_rate") if name in each.sources]
+        if any(source.rate_hz < MIN_RATE_HZ for source in needed):
+            return None
     bands = [default_band(settings, each.sample_period_s) for each in (preferred, other)]
     band = min(bands, key=lambda each: each.high_hz)
     first, second = (_fitted(each, band, settings) for each in (preferred, other))
@@ -85,7 +89,13 @@ def compare_torques(
     # Of every axis alike, whatever its units.
     better = ((errors[0] - errors[1]) / np.maximum(errors.mean(axis=(0, 1)), 1e-300)).mean(axis=1)
     by_chance = student_quantile(np.arange(len(here))) * better.std(ddof=1) / np.sqrt(len(here))
-    differ = [axis for axis in axes if _differ(first, second)[axis]]
+    # By more than the intervals, and by more than matters.
+    difference, known = np.abs(first.gain - second.gain), np.hypot(first.half_width, second.half_width)
+    differ = [
+        axis
+        for axis in axes
+        if difference[axis] > known[axis] and difference[axis] > _MATTERS * abs(first.gain[axis])
+    ]
     matters = bool(differ) or bool((unexplained[0] - unexplained[1] > _MATTERS).any())
     takes_other = bool(better.mean() > by_chance) and matters
     pairs = [(first, unexplained[0], preferred.input), (second, unexplained[1], other.input)]
@@ -107,14 +117,6 @@ def _by_axis(axes: Sequence[int], values: FloatArray) -> dict[str, float]:
     return {AXES[axis]: float(value) for axis, value in zip(axes, values, strict=True)}
 
 
-def _is_fast(data: FlightData) -> bool:
-    """Say whether torque and rates are as dense as `quadid_logs.identify.identify` needs them."""
-    if not data.segments or data.input is None:
-        return False
-    needed = [data.sources[name] for name in (data.input.kind, "body_rate") if name in data.sources]
-    return all(source.rate_hz >= MIN_RATE_HZ for source in needed)
-
-
 def _fitted(data: FlightData, band: Band, settings: IdentifySettings) -> _Fitted | None:
     """Fit the torque of a flight, with the thrust curve and the lag that explain it best."""
     data = most_excited(data, settings.most_samples)
@@ -132,27 +134,16 @@ def _fitted(data: FlightData, band: Band, settings: IdentifySettings) -> _Fitted
     coefficients = np.column_stack([fit.theta, fit.disturbance])
     acceleration = np.column_stack([rows.columns[name] for name in ACCELERATION_SYMBOLS])
     error = acceleration - rows.stack(names, torque, structure.inputs) @ coefficients.T
-    second, squares = _by_second(rows.time_s, error, rows.held_out)
+    second, number = np.unique(
+        np.floor(rows.time_s[rows.held_out] / _CLUSTER_S).astype(np.int64), return_inverse=True
+    )
+    count = np.bincount(number)
+    squares = [np.bincount(number, weights=column) / count for column in (error[rows.held_out] ** 2).T]
     return _Fitted(
         structure.on_axis(fit.theta),
         structure.on_axis(fit.half_width),
         informative,
         second,
-        squares,
+        np.column_stack(squares),
         np.mean(acceleration[rows.held_out] ** 2, axis=0) if rows.held_out.any() else np.ones(3),
     )
-
-
-def _by_second(time_s: FloatArray, error: FloatArray, rows: BoolArray) -> tuple[IntArray, FloatArray]:
-    """Return the seconds that the rows lie in, and the mean squared error in each; (n,) and (n, 3)."""
-    second, number = np.unique(np.floor(time_s[rows] / _CLUSTER_S).astype(np.int64), return_inverse=True)
-    count = np.bincount(number)
-    squares = [np.bincount(number, weights=column) / count for column in (error[rows] ** 2).T]
-    return second, np.column_stack(squares)
-
-
-def _differ(one: _Fitted, other: _Fitted) -> BoolArray:
-    """Say of which axes the effectiveness differs by more than the intervals and more than matters; (3,)."""
-    difference = np.abs(one.gain - other.gain)
-    known = np.hypot(one.half_width, other.half_width)
-    return np.asarray((difference > known) & (difference > _MATTERS * np.abs(one.gain)))

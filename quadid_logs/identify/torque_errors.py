@@ -60,7 +60,12 @@ def sampling_errors(design: Design) -> tuple[RowTorque, ...]:
     for n in _EVERY:
         # The mean square over the n - 1 degrees of freedom, over n; and the mean of both ways.
         scale = NORMAL_95 / np.sqrt((n - 1) * n * len(_EVERY))
-        chunks = [_deviations(chunk.torque, n) * scale for chunk in design.chunks]
+        chunks = []
+        for torque in (chunk.torque for chunk in design.chunks):
+            # How every n-th sample, held, differs from the mean over all starts.
+            place = np.arange(len(torque))
+            held = np.array([torque[np.maximum((place - start) // n * n + start, 0)] for start in range(n)])
+            chunks.append((held - held.mean(axis=0)) * scale)
         found += [design.torque.replaced([chunk[start] for chunk in chunks]) for start in range(n)]
     return tuple(found)
 
@@ -187,10 +192,3 @@ def torques_by_expo(chunks: Sequence[Segment], described: InputDescription) -> l
         else np.asarray(chunk.thrust_by_expo @ per_thrust.T - own * chunk.torque, dtype=np.float64)
         for chunk in chunks
     ]
-
-
-def _deviations(torque: FloatArray, n: int) -> FloatArray:
-    """Return how every n-th sample, held, differs from the mean over all starts; shape (n, n_samples, 3)."""
-    place = np.arange(len(torque))
-    held = np.array([torque[np.maximum((place - start) // n * n + start, 0)] for start in range(n)])
-    return np.asarray(held - held.mean(axis=0))

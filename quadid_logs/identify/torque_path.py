@@ -84,10 +84,11 @@ def torque_path(segments: Sequence[Segment], axis: int, period_s: float) -> Torq
     # Rates that are interpolated half-way between samples lose cos(omega T / 2) of their gain.
     allowed_s2 = _LEAST_ROLL_OFF_S2 + period_s**2 / 8.0
     freedom = len(lines.torque) - 1
-    no_lag = min(
-        _tail(float((_LEAST_LAG_S + advance_s) / error[1]), freedom),
-        _by_chance(float(abs(advance_s + 0.5 * period_s) + NORMAL_95 * error[1]), 1.0 - explained),
-    )
+    # That a rotor's lag is so near to half a sample, with so little left of the motion. Of two independent
+    # p-values, by Fisher's method: their product k is below k (1 - ln k) of the cases.
+    distance_s = float(abs(advance_s + 0.5 * period_s) + NORMAL_95 * error[1])
+    both = min(2.0 * distance_s / _LAGS_S, 1.0) * min(max(1.0 - explained, _TINY), 1.0)
+    no_lag = min(_tail(float((_LEAST_LAG_S + advance_s) / error[1]), freedom), both * (1.0 - math.log(both)))
     no_roll_off = _tail(float((allowed_s2 - theta[2]) / error[2]), freedom)
     # Where the steps do not settle, no lag describes the phase: it is no path, and not none either.
     settled = abs(theta[1]) < error[1]
@@ -99,15 +100,6 @@ def torque_path(segments: Sequence[Segment], axis: int, period_s: float) -> Torq
         explained=explained,
         p_value=max(no_lag, no_roll_off) if settled else 1.0,
     )
-
-
-def _by_chance(distance_s: float, unexplained: float) -> float:
-    """Return the probability that a rotor's lag is so near to a given one, with so little left of the motion.
-
-    Of two independent p-values, by Fisher's method: their product k is below k (1 - ln k) of the cases.
-    """
-    both = min(2.0 * distance_s / _LAGS_S, 1.0) * min(max(unexplained, _TINY), 1.0)
-    return both * (1.0 - math.log(both))
 
 
 def _tail(deviation: float, freedom: int) -> float:
@@ -146,7 +138,9 @@ class _Lines(NamedTuple):
         taper, slope = np.sin(phase) ** 2, np.pi / _WINDOW_S * np.sin(2.0 * phase)
         # By partial integration: what leaks from a strong line leaks from torque and acceleration alike.
         acceleration = s * _spectra(rate, taper)[:, inside] - _spectra(rate, slope)[:, inside]
-        scale = _no_louder_than_most(acceleration)
+        # No window is louder than most.
+        rms = np.sqrt(np.sum(np.abs(acceleration) ** 2, axis=1, keepdims=True))
+        scale = np.minimum(np.median(rms) / np.where(rms > 0.0, rms, np.inf), 1.0)
         acceleration = acceleration * scale
         power = np.sum(np.abs(acceleration) ** 2, axis=0)
         if not (power > 0.0).all() or not torque.any():
@@ -179,12 +173,6 @@ class _Lines(NamedTuple):
             theta, each = theta / theta[0], each / each[:, :1]
         spread = np.sum((each - each.mean(axis=0)) ** 2, axis=0) * (len(each) - 1) / len(each)
         return theta, np.sqrt(_OVERLAP * spread), explained
-
-
-def _no_louder_than_most(spectra: ComplexArray) -> FloatArray:
-    """Return factors (n_windows, 1) that take windows down to the median: a fault in one is no evidence."""
-    rms = np.sqrt(np.sum(np.abs(spectra) ** 2, axis=1, keepdims=True))
-    return np.asarray(np.minimum(np.median(rms) / np.where(rms > 0.0, rms, np.inf), 1.0))
 
 
 def _spectra(values: FloatArray, taper: FloatArray) -> ComplexArray:

@@ -53,27 +53,7 @@ def torque_products(
     projection, so it may as well be applied to the directions, once. Over a band, the responses
     of all lags and delays are combinations of those of a few, and so are the products.
     """
-    kernels = _kernels(design, design.high_pass(directions, design.high_pass_hz), symbols)
-    highest_rad_s = max(float(s.imag[-1]) for s, _ in kernels)
-    few = _few_responses(highest_rad_s)
-    ready = np.sum(
-        [np.tensordot(few.at(s).T, kernel, axes=1).real for s, kernel in kernels], axis=0, dtype=np.float64
-    )
-
-    def products(lag_s: float, delay_s: float) -> FloatArray:
-        combined = _combined(highest_rad_s, lag_s, delay_s)
-        return np.asarray(np.tensordot(combined, ready, axes=1), dtype=np.float64)
-
-    return products
-
-
-def _kernels(
-    design: Design, directions: FloatArray, symbols: Sequence[str]
-) -> list[tuple[ComplexArray, ComplexArray]]:
-    """Return s (n_bins,) of each chunk, and what responses are multiplied with there.
-
-    The latter of shape (n_bins, n_directions, n_symbols).
-    """
+    directions = design.high_pass(directions, design.high_pass_hz)
     columns = [design.torque.symbols.index(symbol) for symbol in symbols]
     kernels: list[tuple[ComplexArray, ComplexArray]] = []
     first = 0
@@ -91,8 +71,17 @@ def _kernels(
         torque = shape[:, np.newaxis] * spectrum[:, columns]
         conjugate = np.conj(np.fft.rfft(padded, axis=0))
         kernels.append((s, conjugate[:, :, np.newaxis] * torque[:, np.newaxis, :]))
+    highest_rad_s = max(float(s.imag[-1]) for s, _ in kernels)
+    few = _few_responses(highest_rad_s)
+    ready = np.sum(
+        [np.tensordot(few.at(s).T, kernel, axes=1).real for s, kernel in kernels], axis=0, dtype=np.float64
+    )
 
-    return kernels
+    def products(lag_s: float, delay_s: float) -> FloatArray:
+        combined = _combined(highest_rad_s, lag_s, delay_s)
+        return np.asarray(np.tensordot(combined, ready, axes=1), dtype=np.float64)
+
+    return products
 
 
 class _FewResponses(NamedTuple):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -88,17 +87,15 @@ def with_lost_thrust(identification: Identification, rotors: Rotors | None) -> I
     if rotors is None or not rotors.axes_change:
         return identification
     ratio = [change.value for change in rotors.axes_change]
-    return replace(identification, models=tuple(_with_both(each, ratio) for each in identification.models))
-
-
-def _with_both(model: Model, ratio: Sequence[float]) -> Model:
-    """Return a model of which each interval holds what is told of it, and that times or over the ratio."""
-    for axis, (name, after) in enumerate(zip(AXES, ratio, strict=True)):
-        entry = model.entries[ON_AXIS[name]]
-        if np.isfinite(entry.ci95).all() and 0.0 < after < 1.0:
-            ends = [end * factor for end in entry.ci95 for factor in (after, 1.0, 1.0 / after)]
-            model = with_interval(model, axis, (min(ends), max(ends)))
-    return model
+    found = []
+    for model in identification.models:
+        for axis, (name, after) in enumerate(zip(AXES, ratio, strict=True)):
+            entry = model.entries[ON_AXIS[name]]
+            if np.isfinite(entry.ci95).all() and 0.0 < after < 1.0:
+                ends = [end * factor for end in entry.ci95 for factor in (after, 1.0, 1.0 / after)]
+                model = with_interval(model, axis, (min(ends), max(ends)))
+        found.append(model)
+    return replace(identification, models=tuple(found))
 
 
 def _differ(gain: FloatArray, half_width: FloatArray) -> bool:

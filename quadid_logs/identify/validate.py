@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.model import FitSeries, Validation
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.fit import commanded_fraction
@@ -62,7 +62,13 @@ def validate(
     coefficients = np.column_stack([theta[:3], disturbance[:3]])
     names = (*structure.columns, *design.disturbances(structure))
     modelled = design.stack(names, torque, structure.inputs) @ coefficients.T
-    motion = _own_motion(names, coefficients, modelled, rate)
+    pole = np.array(
+        [
+            coefficients[axis, names.index(name)] if name in names else 0.0
+            for axis, name in enumerate(RATE_SYMBOLS)
+        ]
+    )
+    motion = _OwnMotion(pole, modelled - pole * rate)
     simulated = _simulate_blocks(motion.mirrored(rate), rate, design)
     series = FitSeries(
         time_s=design.time_s,
@@ -78,58 +84,48 @@ def validate(
     both = np.column_stack([acceleration, acceleration - modelled, torque[:, :3]])
     spread, error, given_torque = np.split(design.high_pass(both, high_pass_hz), 3, axis=1)
     missed = rate - simulated
+    # After how long the held-out residual of each axis has forgotten itself, and its largest correlation with
+    # its own torque, half a second around.
+    n_lags = min(round(_LONGEST_MEMORY_S / design.period_s), len(error) - 1)
+    reach = min(round(_CORRELATED_S / design.period_s), len(error) - 1)
+    memory_s, correlation = [], []
+    for left, moved in zip(
+        np.where(held_out[:, np.newaxis], error, 0.0).T,
+        np.where(held_out[:, np.newaxis], given_torque, 0.0).T,
+        strict=True,
+    ):
+        products = np.array([left[lag:] @ left[: len(left) - lag] for lag in range(n_lags)])
+        quiet = np.flatnonzero(products < _FORGOTTEN * products[:1])
+        memory_s.append(float(quiet[0] * design.period_s) if quiet.size else float("nan"))
+        size = float(np.linalg.norm(left) * np.linalg.norm(moved))
+        common = [left[lag:] @ moved[: len(moved) - lag] for lag in range(reach + 1)]
+        common += [moved[lag:] @ left[: len(left) - lag] for lag in range(1, reach + 1)]
+        correlation.append(float(np.max(np.abs(common))) / size if size > 0.0 else float("nan"))
+    commanded = {}
+    if design.instruments is not None:
+        project = Projection.onto(design.high_pass(design.instruments, high_pass_hz)[held_out])
+        r2 = commanded_fraction(project, spread[held_out], error[held_out])
+        commanded = _by_name(ACCELERATION_SYMBOLS, r2.tolist())
+    r2_rate = _r2(rate[held_out], missed[held_out])
     return Validation(
         held_out_s=float(np.count_nonzero(held_out) * design.period_s),
         r2_acceleration=_by_name(ACCELERATION_SYMBOLS, _r2(spread[held_out], error[held_out])),
-        r2_commanded=_commanded(design, spread, error, high_pass_hz),
-        r2_simulated_rate=_by_name(RATE_SYMBOLS, _r2(rate[held_out], missed[held_out])),
+        r2_commanded=commanded,
+        r2_simulated_rate=_by_name(RATE_SYMBOLS, r2_rate),
         r2_high_passed_rate=_by_name(RATE_SYMBOLS, _high_passed_r2(motion, rate, design, high_pass_hz)),
-        fit_percent=_by_name(RATE_SYMBOLS, _fit_percent(rate[held_out], missed[held_out])),
+        # 100 (1 - |y - y_model| / |y - mean y|), as System Identification Toolbox defines fit.
+        fit_percent=_by_name(
+            RATE_SYMBOLS,
+            [
+                float(100.0 * (1.0 - np.sqrt(max(0.0, 1.0 - each)))) if np.isfinite(each) else each
+                for each in r2_rate
+            ],
+        ),
         horizon_s=HORIZONS_S,
         horizon_rmse_rad_s=_horizon_errors(motion, rate, design, HORIZONS_S),
-        residual_memory_s=_by_name(ACCELERATION_SYMBOLS, _memory_s(error, design)),
-        input_correlation=_by_name(ACCELERATION_SYMBOLS, _input_correlation(error, given_torque, design)),
+        residual_memory_s=_by_name(ACCELERATION_SYMBOLS, memory_s),
+        input_correlation=_by_name(ACCELERATION_SYMBOLS, correlation),
     ), series
-
-
-def _commanded(
-    design: Design, acceleration: FloatArray, error: FloatArray, high_pass_hz: float
-) -> dict[str, float]:
-    """Return R2 of held-out acceleration as far as it follows from the instruments; nothing without any."""
-    if design.instruments is None:
-        return {}
-    held_out = design.held_out
-    project = Projection.onto(design.high_pass(design.instruments, high_pass_hz)[held_out])
-    return _by_name(
-        ACCELERATION_SYMBOLS, commanded_fraction(project, acceleration[held_out], error[held_out]).tolist()
-    )
-
-
-def _memory_s(error: FloatArray, design: Design) -> list[float]:
-    """Return after how long the held-out residual of each column has forgotten itself [s]."""
-    n_lags = min(round(_LONGEST_MEMORY_S / design.period_s), len(error) - 1)
-    found = []
-    for column in np.where(design.held_out[:, np.newaxis], error, 0.0).T:
-        products = np.array([column[lag:] @ column[: len(column) - lag] for lag in range(n_lags)])
-        quiet = np.flatnonzero(products < _FORGOTTEN * products[:1])
-        found.append(float(quiet[0] * design.period_s) if quiet.size else float("nan"))
-    return found
-
-
-def _input_correlation(error: FloatArray, torque: FloatArray, design: Design) -> list[float]:
-    """Return the largest correlation of each held-out residual with its own torque, half a second around."""
-    reach = min(round(_CORRELATED_S / design.period_s), len(error) - 1)
-    found = []
-    for left, moved in zip(
-        np.where(design.held_out[:, np.newaxis], error, 0.0).T,
-        np.where(design.held_out[:, np.newaxis], torque, 0.0).T,
-        strict=True,
-    ):
-        size = float(np.linalg.norm(left) * np.linalg.norm(moved))
-        products = [left[lag:] @ moved[: len(moved) - lag] for lag in range(reach + 1)]
-        products += [moved[lag:] @ left[: len(left) - lag] for lag in range(1, reach + 1)]
-        found.append(float(np.max(np.abs(products))) / size if size > 0.0 else float("nan"))
-    return found
 
 
 def _by_name(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:
@@ -187,15 +183,6 @@ class _OwnMotion(NamedTuple):
         return np.asarray(self.pole * rate + forcing, dtype=np.float64)
 
 
-def _own_motion(
-    names: Sequence[str], coefficients: FloatArray, modelled: FloatArray, rate: FloatArray
-) -> _OwnMotion:
-    """Return each axis' motion from what the model makes of measured columns; pole 0 where it has no rate."""
-    own = enumerate(RATE_SYMBOLS)
-    pole = np.array([coefficients[axis, names.index(name)] if name in names else 0.0 for axis, name in own])
-    return _OwnMotion(pole, modelled - pole * rate)
-
-
 def _advance(
     motion: _OwnMotion, start_rate: FloatArray, start_row: IntArray, n_steps: int, period_s: float
 ) -> FloatArray:
@@ -232,7 +219,10 @@ def _horizon_errors(
     starts = np.flatnonzero(design.held_out).astype(np.int64)[
         :: max(1, round(_START_EVERY_S / design.period_s))
     ]
-    starts = starts[_stays_in_block(starts, max(steps), design)]
+    # The whole horizon lies inside its block.
+    after = starts + max(steps)
+    end = np.minimum(after, design.block.size - 1)
+    starts = starts[(after < design.block.size) & (design.block[end] == design.block[starts])]
     if starts.size == 0:
         return {}
     path = _advance(motion, rate[starts], starts, max(steps), design.period_s)
@@ -242,24 +232,8 @@ def _horizon_errors(
     }
 
 
-def _stays_in_block(starts: IntArray, n_steps: int, design: Design) -> BoolArray:
-    """Return which starts have the whole horizon inside their own block."""
-    end = np.minimum(starts + n_steps, design.block.size - 1)
-    return np.asarray(
-        (starts + n_steps < design.block.size) & (design.block[end] == design.block[starts]), dtype=np.bool_
-    )
-
-
 def _r2(measured: FloatArray, error: FloatArray) -> list[float]:
     """Return one minus the unexplained fraction of the variance, per column."""
     left = np.sum(error**2, axis=0)
     spread = np.sum((measured - measured.mean(axis=0)) ** 2, axis=0)
     return [float(1.0 - e / s) if s > 0.0 else float("nan") for e, s in zip(left, spread, strict=True)]
-
-
-def _fit_percent(measured: FloatArray, error: FloatArray) -> list[float]:
-    """Return 100 (1 - |y - y_model| / |y - mean y|), as System Identification Toolbox defines fit."""
-    return [
-        float(100.0 * (1.0 - np.sqrt(max(0.0, 1.0 - r2)))) if np.isfinite(r2) else r2
-        for r2 in _r2(measured, error)
-    ]

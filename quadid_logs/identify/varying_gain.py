@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.band import ComplexArray
 
 #: One standard deviation of a and b. A cell goes from 4.2 to 3.5 V, its thrust by 30 %: by half of that
@@ -73,29 +73,10 @@ def likeliest_variation(
 
     if not lines.size:
         return None
-    evidence, along = _evidence(transformed(error * explained), transformed(explained**2), lines)
-    best = int(evidence.argmax())
-    weight = float(np.exp(evidence - evidence[best]).mean())
-    return Variation(float(lines[best] * step_hz), float(np.arctan2(along[best, 1], along[best, 0])), weight)
-
-
-def _evidence(
-    of_error: ComplexArray, of_square: ComplexArray, lines: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the logarithm of the marginal likelihood against none, and [a, b], at every line.
-
-    Parameters
-    ----------
-    of_error, of_square : ndarray of complex, shape (n_axes, n_frequencies)
-        Of error times explained, and of explained squared: axes have [a, b] in common, and a mean of
-        their own.
-    lines : ndarray of int, shape (n_lines,)
-
-    Returns
-    -------
-    evidence : ndarray, shape (n_lines,)
-    along : ndarray, shape (n_lines, 2)
-    """
+    # The logarithm of the marginal likelihood against none, and [a, b], at every line; axes have [a, b] in
+    # common, and a mean of their own.
+    of_error = transformed(error * explained)
+    of_square = transformed(explained**2)
     told = of_square[:, 0].real > 0.0
     of_error, of_square = of_error[told], of_square[told]
     whole, once, twice = of_square[:, :1].real, of_square[:, lines], of_square[:, 2 * lines]
@@ -110,5 +91,8 @@ def _evidence(
     precision = normal.sum(axis=0) + np.eye(2) / VARIES**2
     right = cross.sum(axis=0)
     along = np.linalg.solve(precision, right[..., np.newaxis])[..., 0]
-    size = np.linalg.slogdet(VARIES**2 * precision)[1]
-    return np.asarray(0.5 * (np.sum(along * right, axis=1) - size)), np.asarray(along)
+    determinant = np.linalg.slogdet(VARIES**2 * precision)[1]
+    evidence = 0.5 * (np.sum(along * right, axis=1) - determinant)
+    best = int(evidence.argmax())
+    weight = float(np.exp(evidence - evidence[best]).mean())
+    return Variation(float(lines[best] * step_hz), float(np.arctan2(along[best, 1], along[best, 0])), weight)

@@ -153,12 +153,25 @@ def _solved(chunk: Chunk, width: int, stride: int, noise: FloatArray) -> Iterato
     if H.shape[0] == 0:
         return
     Y = stack_windows(targets, width=width, stride=stride)
-    weakest, period_s = _weakest(H), float(time_s[1] - time_s[0])
+    # The direction that the windows, columns of each scaled to unit length, see least.
+    n_columns = H.shape[2]
+    squares = np.zeros((n_columns, n_columns))
+    for first in range(0, H.shape[0], _BATCH):
+        some = H[first : first + _BATCH]
+        length = np.linalg.norm(some, axis=1, keepdims=True)
+        scaled = np.divide(some, length, out=np.zeros_like(some), where=length > 0.0).reshape(-1, n_columns)
+        squares += scaled.T @ scaled
+    weakest, period_s = np.linalg.eigh(squares)[1][:, 0], float(time_s[1] - time_s[0])
     middle_s = time_s[: H.shape[0] * stride : stride] + 0.5 * (width - 1) * (time_s[1] - time_s[0])
     for first in range(0, H.shape[0], _BATCH):
         part = slice(first, first + _BATCH)
         solution = solve_windows(H[part], Y[part])
-        noise_floor = _noise_floor(solution.column_rms, noise)
+        # Columns are scaled to unit length, so each carries noise of length noise/rms; independent columns of
+        # such lengths have singular values near the root of their mean square. A column of noise only gives
+        # 1.
+        column_rms = solution.column_rms
+        fraction = np.divide(noise, column_rms, out=np.ones_like(column_rms), where=column_rms > 0.0)
+        noise_floor = np.sqrt(np.mean(np.minimum(fraction, 1.0) ** 2, axis=1))
         full_rank = solution.rank == columns.shape[1]
         found = {
             "coefficients": solution.coefficients,
@@ -171,26 +184,3 @@ def _solved(chunk: Chunk, width: int, stride: int, noise: FloatArray) -> Iterato
             "used": full_rank & (solution.singular_values[:, -1] > noise_floor),
         }
         yield _Part(found, weakest, H.shape[0], period_s)
-
-
-def _weakest(H: FloatArray) -> FloatArray:
-    """Return the direction that the windows, columns of each scaled to unit length, see least."""
-    n_columns = H.shape[2]
-    squares = np.zeros((n_columns, n_columns))
-    for first in range(0, H.shape[0], _BATCH):
-        part = H[first : first + _BATCH]
-        length = np.linalg.norm(part, axis=1, keepdims=True)
-        scaled = np.divide(part, length, out=np.zeros_like(part), where=length > 0.0).reshape(-1, n_columns)
-        squares += scaled.T @ scaled
-    return np.asarray(np.linalg.eigh(squares)[1][:, 0], dtype=np.float64)
-
-
-def _noise_floor(column_rms: FloatArray, noise: FloatArray) -> FloatArray:
-    """Return the size that a singular value has in a direction of pure noise; shape (n_windows,).
-
-    Columns are scaled to unit length, so each carries noise of length
-    noise/rms; independent columns of such lengths have singular values near
-    the root of their mean square. A column of noise only gives 1.
-    """
-    fraction = np.divide(noise, column_rms, out=np.ones_like(column_rms), where=column_rms > 0.0)
-    return np.asarray(np.sqrt(np.mean(np.minimum(fraction, 1.0) ** 2, axis=1)), dtype=np.float64)

@@ -106,7 +106,13 @@ def fit_with_reaction(
         return known._replace(fit=fit_unchecked(data, whole, structure, settings, voting=voting))
     without = fit_unchecked(data, whole, structure, settings, voting=voting, known=actuator)
     at_once = without.model.actuator._replace(lag_s=0.0, delay_s=0.0)
-    if _is_inverse_controller(_beside(without, at_once), without):
+    # The yaw torque follows the yaw motion, at once, and not the motion the torque.
+    seen = _beside(without, at_once)
+    if (
+        seen.lead_s + seen.half_width_s < _INVERSE_LEAD_S
+        and seen.r2 >= INFORMATIVE_R2
+        and 1.0 - seen.r2 < _BETTER * (1.0 - float(without.fit.r2[_YAW]))
+    ):
         return YawFit(without, is_inverse_controller=True)
     seen = _beside(without, without.model.actuator)
     if not seen.reacts and without.fit.r2[_YAW] > _EXPLAINED_R2:
@@ -139,13 +145,4 @@ def _lead(structure: Structure, fit: PooledFit) -> _Seen:
         float(fit.theta[_YAW, column]) / gain,
         float(fit.half_width[_YAW, column]) / gain,
         float(fit.r2[_YAW]),
-    )
-
-
-def _is_inverse_controller(seen: _Seen, without: Unchecked) -> bool:
-    """Say whether the yaw torque follows the yaw motion, at once, and not the motion the torque."""
-    return (
-        seen.lead_s + seen.half_width_s < _INVERSE_LEAD_S
-        and seen.r2 >= INFORMATIVE_R2
-        and 1.0 - seen.r2 < _BETTER * (1.0 - float(without.fit.r2[_YAW]))
     )
