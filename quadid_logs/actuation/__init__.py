@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from quadid_logs.actuation.airframe import Airframe, Unknown, with_rotors
-from quadid_logs.actuation.calibration import Scaled, calibrate, torque_n_m
+from quadid_logs.actuation.calibration import calibrate, torque_n_m
 from quadid_logs.actuation.motors import Mixing, MotorSeries, Rebuilt
 from quadid_logs.actuation.rotor_speed import RotorSpeed, from_rotor_speed
-from quadid_logs.align.series import CleanLog, CleanSeries, TorqueSeries
-from quadid_logs.data.torque import AssumedExpo, TorqueModel
+from quadid_logs.align.series import CleanLog, TorqueSeries
+from quadid_logs.data.torque import TorqueModel
 from quadid_logs.data.vehicle import Vehicle
 
 __all__ = ["Torques", "reconstruct"]
@@ -89,15 +89,43 @@ def _torques(
     """Put the torques together; the first ``n_measured`` of the series come before what was commanded."""
     scaled = calibrate(log, airframe, vehicle, rebuilt.series)
     refused = (*airframe.refused, *scaled.refused)
-    model = replace(
-        _model(airframe, scaled, rebuilt),
+    # Say why the mixer's output is not used although it could be computed.
+    mistrust = []
+    if not rebuilt.trusted and rebuilt.check is not None:
+        mistrust.append(
+            f"The recomputed pulse widths miss the logged ones by {rebuilt.check.typical_us:.1f} us (one "
+            "sigma): the mixer of this firmware, or the rows of the log, are not what is computed here, so "
+            "the torque is taken as it was commanded."
+        )
+    in_metres = scaled.position is not None
+    model = TorqueModel(
+        frame=airframe.name,
+        frame_source=airframe.source,
+        position=airframe.position if scaled.position is None else scaled.position,
+        position_unit="m" if in_metres else "arm length",
+        spin=airframe.spin,
+        allocation=airframe.factors,
+        channels=airframe.channels,
+        channel_source=airframe.channel_source,
+        calibration=scaled.calibration,
+        output_range_us=rebuilt.output_range_us,
+        check=rebuilt.check,
+        saturated_fraction=_saturated_fraction(rebuilt.series),
+        needs=scaled.needs,
         rotor_speed=speed.verdict,
         refused=refused,
-        remarks=(*airframe.remarks, *rebuilt.remarks, *_mistrust(rebuilt), *scaled.remarks, *refused),
+        remarks=(*airframe.remarks, *rebuilt.remarks, *mistrust, *scaled.remarks, *refused),
     )
+    # The torques in N m, logged and calibrated.
+    logged = tuple(TorqueSeries(series=one) for one in log.sources("torque_n_m"))
+    if not all(scaled.calibration.known) or not _keeps_the_rate(log, rebuilt.series):
+        in_newton_metres = logged
+    else:
+        made = (torque_n_m(one, airframe, scaled, rebuilt.expo) for one in rebuilt.series)
+        in_newton_metres = (*logged, *(one for one in made if one is not None))
     sources = (
         *_commands(log, rebuilt, airframe, n_first=n_measured + rebuilt.trusted),
-        *_in_newton_metres(log, rebuilt.series, airframe, scaled, rebuilt.expo),
+        *in_newton_metres,
     )
     return Torques(model, tuple(one.possible() for one in sources))
 
@@ -108,7 +136,21 @@ def _commands(
     """Return the normalised torques, rebuilt and logged, in their order of preference."""
     achieved = [one for one in rebuilt.series if one.achieved]
     commanded = [one for one in rebuilt.series if not one.achieved]
-    logged = [_as_commanded(log, one, airframe) for one in log.sources("torque_command")]
+    logged = []
+    for one in log.sources("torque_command"):
+        # A logged command with the thrust that the mixing would give for it without limits.
+        throttle = log.first("throttle")
+        if throttle is None or not airframe.inverts:
+            logged.append(TorqueSeries(series=one))
+        else:
+            thrust = np.column_stack([one.values, throttle.at(one.time_s)]) @ airframe.factors.T
+            logged.append(
+                TorqueSeries(
+                    series=one,
+                    rotor_thrust=np.clip(thrust, 0.0, None),
+                    torque_per_thrust=airframe.command_per_thrust,
+                )
+            )
     if logged:
         # Where the mixer is not believed, the motors were limited all the same where theirs is found to be.
         told = commanded or (
@@ -123,58 +165,10 @@ def _commands(
     return (*made[:n_first], *logged, *made[n_first:])
 
 
-def _as_commanded(log: CleanLog, command: CleanSeries, airframe: Airframe) -> TorqueSeries:
-    """Return a logged command with the thrust that the mixing would give for it without limits."""
-    throttle = log.first("throttle")
-    if throttle is None or not airframe.inverts:
-        return TorqueSeries(series=command)
-    thrust = np.column_stack([command.values, throttle.at(command.time_s)]) @ airframe.factors.T
-    return TorqueSeries(
-        series=command,
-        rotor_thrust=np.clip(thrust, 0.0, None),
-        torque_per_thrust=airframe.command_per_thrust,
-    )
-
-
-def _in_newton_metres(
-    log: CleanLog,
-    series: Sequence[MotorSeries],
-    airframe: Airframe,
-    scaled: Scaled,
-    expo: AssumedExpo | None,
-) -> tuple[TorqueSeries, ...]:
-    """Return the torques in N m, logged and calibrated."""
-    logged = tuple(TorqueSeries(series=one) for one in log.sources("torque_n_m"))
-    if not all(scaled.calibration.known) or not _keeps_the_rate(log, series):
-        return logged
-    made = (torque_n_m(one, airframe, scaled, expo) for one in series)
-    return (*logged, *(one for one in made if one is not None))
-
-
 def _keeps_the_rate(log: CleanLog, series: Sequence[MotorSeries]) -> bool:
     """Return whether torque in N m is about as dense as the best command: units are not worth samples."""
     best = max((one.n_samples for one in log.sources("torque_command")), default=0)
     return max((len(one.time_s) for one in series), default=0) >= _MOST_LOST * best
-
-
-def _model(airframe: Airframe, scaled: Scaled, rebuilt: Rebuilt) -> TorqueModel:
-    """Describe the airframe for people."""
-    in_metres = scaled.position is not None
-    return TorqueModel(
-        frame=airframe.name,
-        frame_source=airframe.source,
-        position=airframe.position if scaled.position is None else scaled.position,
-        position_unit="m" if in_metres else "arm length",
-        spin=airframe.spin,
-        allocation=airframe.factors,
-        channels=airframe.channels,
-        channel_source=airframe.channel_source,
-        calibration=scaled.calibration,
-        output_range_us=rebuilt.output_range_us,
-        check=rebuilt.check,
-        saturated_fraction=_saturated_fraction(rebuilt.series),
-        needs=scaled.needs,
-    )
 
 
 def _saturated_fraction(series: Sequence[MotorSeries]) -> tuple[float, float, float]:
@@ -184,14 +178,3 @@ def _saturated_fraction(series: Sequence[MotorSeries]) -> tuple[float, float, fl
             roll, pitch, yaw = (float(value) for value in one.saturated[one.flown].mean(axis=0))
             return roll, pitch, yaw
     return math.nan, math.nan, math.nan
-
-
-def _mistrust(rebuilt: Rebuilt) -> tuple[str, ...]:
-    """Say why the mixer's output is not used although it could be computed."""
-    if rebuilt.trusted or rebuilt.check is None:
-        return ()
-    return (
-        f"The recomputed pulse widths miss the logged ones by {rebuilt.check.typical_us:.1f} us (one sigma): "
-        "the mixer of this firmware, or the rows of the log, are not what is computed here, so the torque is "
-        "taken as it was commanded.",
-    )

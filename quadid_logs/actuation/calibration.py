@@ -88,7 +88,24 @@ def calibrate(
     )
     if thrust.of is not None and position is not None and series:
         torque = _torque(thrust.of(series[0]), series[0].actuator, airframe, position, ratio_m)
-        calibration = _calibrated(calibration, thrust, _per_command(series[0], torque))
+        best = series[0]
+        rows = best.flown & np.isfinite(best.command).all(axis=1)
+        roll, pitch, yaw = (_slope(best.command[rows, axis], torque[rows, axis]) for axis in range(3))
+        # Add what the way to newtons says.
+        per_command = (roll, pitch, yaw)
+        tilt_sigma, yaw_sigma = math.hypot(thrust.sigma, ARM_SIGMA), math.hypot(thrust.sigma, RATIO_SIGMA)
+        roll, pitch, yaw = (
+            each if math.isfinite(value) else math.nan
+            for each, value in zip((tilt_sigma, tilt_sigma, yaw_sigma), per_command, strict=True)
+        )
+        calibration = replace(
+            calibration,
+            route=thrust.route,
+            n_m_per_command=per_command,
+            relative_sigma=(roll, pitch, yaw),
+            max_thrust_n=thrust.max_thrust_n,
+            second_opinion=thrust.other_n / thrust.max_thrust_n,
+        )
     known_yaw = thrust.of is not None and math.isfinite(ratio_m)
     # Say what is missing for N m.
     needs = []
@@ -341,30 +358,6 @@ def _rotor_force(log: CleanLog) -> _RotorForce | None:
         drag = ax * np.sin(theta) - ay * np.sin(phi) * np.cos(theta)
         force = force + np.where(upright > _LEAST_UPRIGHT, drag / np.maximum(upright, _LEAST_UPRIGHT), 0.0)
     return _RotorForce(accelerometer.time_s, force)
-
-
-def _calibrated(known: Calibration, thrust: _Thrust, per_command: tuple[float, float, float]) -> Calibration:
-    """Add what the way to newtons says."""
-    tilt_sigma, yaw_sigma = math.hypot(thrust.sigma, ARM_SIGMA), math.hypot(thrust.sigma, RATIO_SIGMA)
-    roll, pitch, yaw = (
-        each if math.isfinite(value) else math.nan
-        for each, value in zip((tilt_sigma, tilt_sigma, yaw_sigma), per_command, strict=True)
-    )
-    return replace(
-        known,
-        route=thrust.route,
-        n_m_per_command=per_command,
-        relative_sigma=(roll, pitch, yaw),
-        max_thrust_n=thrust.max_thrust_n,
-        second_opinion=thrust.other_n / thrust.max_thrust_n,
-    )
-
-
-def _per_command(series: MotorSeries, torque: FloatArray) -> tuple[float, float, float]:
-    """Return the slope of torque over command on flown rows [N m], NaN where either is unknown."""
-    rows = series.flown & np.isfinite(series.command).all(axis=1)
-    roll, pitch, yaw = (_slope(series.command[rows, axis], torque[rows, axis]) for axis in range(3))
-    return roll, pitch, yaw
 
 
 def _slope(one: FloatArray, other: FloatArray) -> float:

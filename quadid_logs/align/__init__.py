@@ -25,9 +25,9 @@ from quadid_logs.align.series import (
     TorqueSeries,
 )
 from quadid_logs.align.sources import choose_sources, describe
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import LEAST_FLIGHT_S, FlightData, InputDescription, Overview, Segment
-from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog, LogText, ModeChange, Signal
+from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog
 from quadid_logs.data.settings import AlignSettings
 from quadid_logs.data.torque import Calibration
 from quadid_logs.errors import SettingsError
@@ -102,7 +102,9 @@ def clean(log: FlightLog) -> CleanLog:
     CleanLog
         Without signals where nothing tells the log's time.
     """
-    clock = find_clock(_signals_with_time(log))
+    # Batches of samples are written long after they were taken.
+    timed = [name for name in log.signals if name not in WRITTEN_LATE] if _tells_time(log) else []
+    clock = find_clock([signal for name in timed for signal in log.signals[name]])
     cleaner = Cleaner(clock)
     candidates = {
         name: tuple(cleaner.clean(signal) for signal in log.candidates(name))
@@ -190,7 +192,7 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
     # Of any other vehicle nothing is cut out to identify: the model would not fit it.
     is_identifiable = log.may_be_multirotor and log.has_time
     segments = _segments(series, torque, intervals, period_s) if is_identifiable else ()
-    modes = _on_clock(log.modes, clock)
+    modes = tuple(replace(mode, time_s=clock.time_at(mode.time_s, mode.position)) for mode in log.modes)
     if "reference_rate" in series:
         segments = tuple(replace(each, command=each.reference, planned=True) for each in segments)
     else:
@@ -219,7 +221,7 @@ def cut(prepared: Prepared, settings: AlignSettings) -> FlightData:
         gyro_check=check_gyro(series.get("body_rate"), series.get("attitude"), intervals),
         overview={name: _overview(series[name]) for name in series if SIGNALS[name].columns},
         modes=modes,
-        texts=_texts_on_clock(log.texts, clock),
+        texts=tuple(replace(text, time_s=clock.time_at(text.time_s, text.position)) for text in log.texts),
     )
 
 
@@ -263,13 +265,6 @@ def _length_s(intervals: Iterable[Interval]) -> float:
 
 def _tells_time(log: FlightLog) -> bool:
     return log.has_time or log.is_nominal_time
-
-
-def _signals_with_time(log: FlightLog) -> Iterable[Signal]:
-    if not _tells_time(log):
-        return ()
-    # Batches of samples are written long after they were taken.
-    return [signal for name, sources in log.signals.items() if name not in WRITTEN_LATE for signal in sources]
 
 
 def _span(clock: Clock) -> Interval:
@@ -336,13 +331,23 @@ def _without_gaps(series: CleanSeries, interval: Interval, period_s: float) -> l
 def _segment(series: Mapping[str, CleanSeries], torque: TorqueSeries, grid: FloatArray) -> Segment:
     rate, attitude, throttle = series["body_rate"], series.get("attitude"), series.get("throttle")
     thrust, by_expo = torque.rotor_thrust, torque.thrust_by_expo
+    # Mark grid points with a saturated sample, of any axis, at most one period away.
+    marks = series.get("torque_saturation")
+    if marks is None:
+        saturated = np.zeros(grid.shape, dtype=bool)
+    else:
+        step = float(grid[1] - grid[0]) if grid.size > 1 else 0.0
+        near = marks.within(float(grid[0]) - step, float(grid[-1]) + step)
+        count = np.concatenate([[0], np.cumsum((marks.stored[near] > 0.5).any(axis=1))])
+        first, after = (np.searchsorted(marks.time_s[near], grid + shift) for shift in (-step, step))
+        saturated = count[after] > count[first]
     return Segment(
         time_s=grid,
         body_rate_rad_s=_resampled(rate, grid),
         torque=_on_grid(torque.series, torque.series.stored, grid),
         attitude_rad=None if attitude is None else _covering(attitude, grid),
         throttle=None if throttle is None else _resampled(throttle, grid)[:, 0],
-        saturated=_saturated(series.get("torque_saturation"), grid),
+        saturated=saturated,
         reference=_reference(series, grid),
         velocity_m_s=_body_velocity(series.get("velocity"), attitude, grid),
         # What comes out of a low-pass may fall a hair below zero.
@@ -367,17 +372,6 @@ def _on_grid(torque: CleanSeries, values: FloatArray, grid: FloatArray) -> Float
     near = torque.within(float(grid[0]) - _BRIDGED_S, float(grid[-1]) + _BRIDGED_S)
     bridged = fill_gaps(torque.time_s[near], values[near], torque.period_s, GAP_PERIODS * torque.period_s)
     return resample_held(*bridged, grid, torque.period_s)
-
-
-def _saturated(marks: CleanSeries | None, grid: FloatArray) -> BoolArray:
-    """Mark grid points with a saturated sample, of any axis, at most one period away."""
-    if marks is None:
-        return np.zeros(grid.shape, dtype=bool)
-    step = float(grid[1] - grid[0]) if grid.size > 1 else 0.0
-    near = marks.within(float(grid[0]) - step, float(grid[-1]) + step)
-    count = np.concatenate([[0], np.cumsum((marks.stored[near] > 0.5).any(axis=1))])
-    first, after = (np.searchsorted(marks.time_s[near], grid + shift) for shift in (-step, step))
-    return np.asarray(count[after] > count[first], dtype=np.bool_)
 
 
 def _reference(series: Mapping[str, CleanSeries], grid: FloatArray) -> FloatArray | None:
@@ -444,12 +438,21 @@ def _input(prepared: Prepared, segments: tuple[Segment, ...]) -> InputDescriptio
     n_samples = sum(segment.n_samples for segment in segments)
     n_saturated = sum(int(np.count_nonzero(segment.saturated)) for segment in segments)
     loop_hz = prepared.loop_rate_hz
+    # The fraction of logged rows inside the segments in which each axis got less than was wanted.
+    marks = prepared.series.get("torque_saturation")
+    if marks is None or not segments:
+        limited_fraction = 0.0, 0.0, 0.0
+    else:
+        rows = [marks.stored[marks.within(*each.time_s[[0, -1]].tolist())] > 0.5 for each in segments]
+        limited = np.concatenate(rows)
+        roll, pitch, yaw = limited.mean(axis=0).tolist() if limited.size else (0.0, 0.0, 0.0)
+        limited_fraction = roll, pitch, yaw
     return InputDescription(
         kind=series.name,
         unit="N m" if series.name == "torque_n_m" else "1",
         source=series.source,
         saturated_fraction=n_saturated / n_samples if n_samples else 0.0,
-        limited_fraction=_limited_fraction(prepared.series.get("torque_saturation"), segments),
+        limited_fraction=limited_fraction,
         achieved=series.achieved,
         calibration=Calibration() if model is None else model.calibration,
         torque_per_thrust=prepared.torque.torque_per_thrust,
@@ -459,25 +462,7 @@ def _input(prepared: Prepared, segments: tuple[Segment, ...]) -> InputDescriptio
     )
 
 
-def _limited_fraction(marks: CleanSeries | None, segments: tuple[Segment, ...]) -> tuple[float, float, float]:
-    """Return the fraction of logged rows inside the segments in which each axis got less than was wanted."""
-    if marks is None or not segments:
-        return 0.0, 0.0, 0.0
-    rows = [marks.stored[marks.within(*each.time_s[[0, -1]].tolist())] > 0.5 for each in segments]
-    limited = np.concatenate(rows)
-    roll, pitch, yaw = limited.mean(axis=0).tolist() if limited.size else (0.0, 0.0, 0.0)
-    return roll, pitch, yaw
-
-
 def _overview(series: CleanSeries) -> Overview:
     return Overview(
         signal=series.name, columns=SIGNALS[series.name].columns, time_s=series.time_s, stored=series.stored
     )
-
-
-def _on_clock(modes: Iterable[ModeChange], clock: Clock) -> tuple[ModeChange, ...]:
-    return tuple(replace(mode, time_s=clock.time_at(mode.time_s, mode.position)) for mode in modes)
-
-
-def _texts_on_clock(texts: Iterable[LogText], clock: Clock) -> tuple[LogText, ...]:
-    return tuple(replace(text, time_s=clock.time_at(text.time_s, text.position)) for text in texts)

@@ -139,7 +139,16 @@ def find_clock(signals: Iterable[Signal]) -> Clock:
     -------
     Clock
     """
-    position, time_s = _merged(signals)
+    # Positions and times of all signals in file order, each message counted once.
+    periodic = (signal.rows for signal in signals if signal.name not in EVENTS)
+    distinct = dict.fromkeys(rows for rows in periodic if rows.n_samples)
+    if not distinct:
+        position, time_s = np.zeros(0, np.int64), np.zeros(0)
+    else:
+        position = np.concatenate([rows.position for rows in distinct])
+        time_s = np.concatenate([rows.time_s for rows in distinct])
+        order = np.argsort(position, kind="stable")
+        position, time_s = position[order], time_s[order]
     bad = is_outlier(time_s, OUTLIER_S)
     position, time_s = position[~bad], time_s[~bad]
     if time_s.size == 0:
@@ -205,18 +214,6 @@ def _far_from_neighbours(time_s: FloatArray, first: int, tolerance_s: float) -> 
         return np.zeros(after - first, bool)  # almost always, and a median takes long
     around = np.lib.stride_tricks.sliding_window_view(near, 2 * _NEIGHBOURS + 1)
     return np.asarray(np.abs(time_s[first:after] - np.median(around, axis=1)) > tolerance_s, dtype=np.bool_)
-
-
-def _merged(signals: Iterable[Signal]) -> tuple[IntArray, FloatArray]:
-    """Return positions and times of all signals in file order, each message counted once."""
-    periodic = (signal.rows for signal in signals if signal.name not in EVENTS)
-    distinct = dict.fromkeys(rows for rows in periodic if rows.n_samples)
-    if not distinct:
-        return np.zeros(0, np.int64), np.zeros(0)
-    position = np.concatenate([rows.position for rows in distinct])
-    time_s = np.concatenate([rows.time_s for rows in distinct])
-    order = np.argsort(position, kind="stable")
-    return position[order], time_s[order]
 
 
 def _breaks(time_s: FloatArray) -> IntArray:

@@ -58,7 +58,8 @@ def with_commands(
     put_back = _of_modes(order, gains, 3)
     asked = _of_modes(order, stick_gains or {}, 2) if sticks else np.full((len(order), 2), np.nan)
     laws = _laws(put_back, asked)
-    flown = [_mode_at(segment.time_s, order) for segment in segments]
+    begin_s = [one.time_s for one in order]
+    flown = [np.maximum(np.searchsorted(begin_s, each.time_s, side="right") - 1, 0) for each in segments]
     found = [
         segment
         if segment.reference is None
@@ -84,21 +85,18 @@ def _command(
 ) -> FloatArray:
     """Return `Segment.command`; gains (n_samples, 3) and (n_samples, 2) are those of each sample's mode."""
     command = reference.copy()
-    command[:, :3] += put_back * _angles(segment)
+    # The angles that the rates tell, up to what is slow, by trapezoids: half a sample of delay would leave a
+    # part of the angle in what is commanded.
+    rate = segment.body_rate_rad_s
+    means = 0.5 * (rate + np.vstack([rate[:1], rate[:-1]]))
+    period_s = float(segment.time_s[1] - segment.time_s[0]) if segment.n_samples > 1 else 1.0
+    angles = TILT_MEMORY_S * lag(np.vstack([np.zeros((1, 3)), means]), period_s, TILT_MEMORY_S)[1:]
+    command[:, :3] += put_back * angles
     if sticks is not None:
         by_stick = np.isfinite(asked).all(axis=1)
         command[by_stick, :2] = (asked * sticks)[by_stick]
         command[by_stick, 2] = reference[by_stick, 2]
     return command
-
-
-def _angles(segment: Segment) -> FloatArray:
-    """Return the angles that the rates tell, up to what is slow, shape (n_samples, 3)."""
-    rate = segment.body_rate_rad_s
-    # By trapezoids: half a sample of delay would leave a part of the angle in what is commanded.
-    means = 0.5 * (rate + np.vstack([rate[:1], rate[:-1]]))
-    period_s = float(segment.time_s[1] - segment.time_s[0]) if segment.n_samples > 1 else 1.0
-    return np.asarray(TILT_MEMORY_S * lag(np.vstack([np.zeros((1, 3)), means]), period_s, TILT_MEMORY_S)[1:])
 
 
 def _of_modes(order: Sequence[ModeChange], gains: Mapping[str, tuple[float, ...]], width: int) -> FloatArray:
@@ -114,9 +112,3 @@ def _laws(put_back: FloatArray, asked: FloatArray) -> IntArray:
     kinds = [*dict.fromkeys(both)]
     known = np.isfinite(put_back).all(axis=1) | np.isfinite(asked).all(axis=1)
     return np.where(known, [kinds.index(each) for each in both], -1).astype(np.int64)
-
-
-def _mode_at(time_s: FloatArray, order: Sequence[ModeChange]) -> IntArray:
-    """Return which mode each sample was flown in, shape (n_samples,)."""
-    current = np.searchsorted([one.time_s for one in order], time_s, side="right") - 1
-    return np.asarray(np.maximum(current, 0), dtype=np.int64)

@@ -68,7 +68,11 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
     """
     if not span[1] > span[0]:
         return Flights((), "the log covers no time")
-    grid = _grid(series, span)
+    # Times at which the clock jumped far ahead hold no samples, and shall cost no more than those that do:
+    # slow evidence comes once a second, which is ten points a sample.
+    n_samples = max((each.n_samples for each in series.values()), default=0)
+    n_points = int((span[1] - span[0]) / _GRID_S) + 2
+    grid = np.linspace(*span, min(n_points, max(10 * n_samples, _FEWEST_POINTS), 1_000_000))
     aloft = np.ones(grid.shape, dtype=np.bool_)
     stated, evidence = aloft, 0
     for name, believe, failure in (
@@ -93,24 +97,20 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         flown = _turning(series, found.intervals)
         return Flights(flown, found.reason if flown or not found.intervals else _BENCH)
     aloft = _until_it_rests(series, grid, powered=aloft, stated=stated)
-    intervals = _intervals(aloft, grid)
+    # The intervals where the mask holds, bridging short dips.
+    intervals: list[Interval] = []
+    for first, after in runs(aloft):
+        start, end = float(grid[first]), float(grid[after - 1])
+        if intervals and start - intervals[-1][1] < _MIN_PAUSE_S:
+            intervals[-1] = (intervals[-1][0], end)
+        else:
+            intervals.append((start, end))
     trimmed = tuple((a + _GROUND_MARGIN_S, b - _GROUND_MARGIN_S) for a, b in intervals)
     lasting = tuple((a, b) for a, b in trimmed if b > a)
     if lasting and not {"armed", "landed"} & series.keys():
         lasting = _turning(series, lasting)
         return Flights(lasting, "" if lasting else _BENCH)
     return Flights(lasting, "" if lasting else _TOO_SHORT, tuple(intervals))
-
-
-def _grid(series: Mapping[str, CleanSeries], span: Interval) -> FloatArray:
-    """Return the times at which the evidence is compared.
-
-    Times at which the clock jumped far ahead hold no samples, and shall cost no more than those that do:
-    slow evidence comes once a second, which is ten points a sample.
-    """
-    n_samples = max((each.n_samples for each in series.values()), default=0)
-    n_points = int((span[1] - span[0]) / _GRID_S) + 2
-    return np.linspace(*span, min(n_points, max(10 * n_samples, _FEWEST_POINTS), 1_000_000))
 
 
 def _until_it_rests(
@@ -126,7 +126,14 @@ def _until_it_rests(
         return powered
     aloft = powered.copy()
     # At once, not for each run: the means are of sums over the whole log.
-    stuck = rests & _at_full(series, grid)
+    # Only with an accelerometer: a vehicle that rests does not climb.
+    thrust = series.get("motor_thrust")
+    if thrust is None or "specific_force" not in series:
+        at_full = np.zeros(grid.shape, dtype=np.bool_)
+    else:
+        mean = _mean_after(thrust, grid, _MIN_PAUSE_S)
+        at_full = np.asarray((mean > 1.0 - _IDLE_THROTTLE).any(axis=1), dtype=np.bool_)
+    stuck = rests & at_full
     for first, after in runs(powered):
         held = np.flatnonzero(stuck[first:after])
         if held.size:
@@ -158,18 +165,6 @@ def _rests(series: Mapping[str, CleanSeries], grid: FloatArray) -> BoolArray | N
         carried = np.linalg.norm(_mean_after(force, grid, _MIN_PAUSE_S), axis=1) / GRAVITY_M_S2
         rests &= ~(np.abs(carried - 1.0) > _LIFTING)
     return np.asarray(rests, dtype=np.bool_)
-
-
-def _at_full(series: Mapping[str, CleanSeries], grid: FloatArray) -> BoolArray:
-    """Say from which points on some motor is at full throttle for as long as a pause lasts.
-
-    Only with an accelerometer: a vehicle that rests does not climb.
-    """
-    thrust = series.get("motor_thrust")
-    if thrust is None or "specific_force" not in series:
-        return np.zeros(grid.shape, dtype=np.bool_)
-    mean = _mean_after(thrust, grid, _MIN_PAUSE_S)
-    return np.asarray((mean > 1.0 - _IDLE_THROTTLE).any(axis=1), dtype=np.bool_)
 
 
 def _mean_after(series: CleanSeries, start_s: FloatArray, length_s: float) -> FloatArray:
@@ -263,15 +258,3 @@ def _is_clear(series: CleanSeries, grid: FloatArray) -> BoolArray:
 
 def _above_idle(series: CleanSeries, grid: FloatArray) -> BoolArray:
     return _held(series, grid, before=float(series.stored[0, 0])) > _IDLE_THROTTLE
-
-
-def _intervals(mask: BoolArray, grid: FloatArray) -> list[Interval]:
-    """Return the intervals where the mask holds, bridging short dips."""
-    found: list[Interval] = []
-    for first, after in runs(mask):
-        start, end = float(grid[first]), float(grid[after - 1])
-        if found and start - found[-1][1] < _MIN_PAUSE_S:
-            found[-1] = (found[-1][0], end)
-        else:
-            found.append((start, end))
-    return found

@@ -49,29 +49,7 @@ def check_gyro(
     """
     if rate is None or attitude is None or min(rate.time_s.size, attitude.time_s.size) < 4:
         return None
-    pairs, block = _intervals(rate, attitude, flights)
-    if np.unique(block).size < _FEWEST_BLOCKS:
-        return None
-    # Only what lies around the intervals: hours of flight or on the ground cost nothing.
-    spans_s = attitude.time_s[pairs] + (-_LONGEST_BLOCK_S, _LONGEST_BLOCK_S)
-    rates, attitudes = _rows_within(rate, spans_s), _rows_within(attitude, spans_s)
-    fit = fit_gyro_to_attitude(
-        rate.time_s[rates],
-        rate.of_rows(rates),
-        attitude.time_s[attitudes],
-        unwrapped(attitude.of_rows(attitudes)),
-        np.searchsorted(attitudes, pairs),
-        block,
-    )
-    if fit is None or fit.start_s.size < _FEWEST_BLOCKS * _PER_BLOCK:
-        return None
-    return GyroCheck(length_s=_INTERVAL_S, **fit._asdict())
-
-
-def _intervals(
-    rate: CleanSeries, attitude: CleanSeries, flights: Sequence[Interval]
-) -> tuple[IntArray, IntArray]:
-    """Return first and last attitude sample (n, 2) of the intervals without a pause, and their block (n,)."""
+    # First and last attitude sample (n, 2) of the intervals without a pause, and their block (n,).
     edges = np.concatenate(
         [np.zeros((0, _PER_BLOCK + 1), dtype=np.intp), *(_edges(attitude, each) for each in flights)]
     )
@@ -88,7 +66,23 @@ def _intervals(
         before = np.maximum(np.searchsorted(series.time_s, start_s, side="right") - 1, 0)
         after = np.minimum(np.searchsorted(series.time_s, end_s), last)
         good &= pauses[before] == pauses[after]
-    return pairs[good], block[good]
+    pairs, block = pairs[good], block[good]
+    if np.unique(block).size < _FEWEST_BLOCKS:
+        return None
+    # Only what lies around the intervals: hours of flight or on the ground cost nothing.
+    spans_s = attitude.time_s[pairs] + (-_LONGEST_BLOCK_S, _LONGEST_BLOCK_S)
+    rates, attitudes = _rows_within(rate, spans_s), _rows_within(attitude, spans_s)
+    fit = fit_gyro_to_attitude(
+        rate.time_s[rates],
+        rate.of_rows(rates),
+        attitude.time_s[attitudes],
+        unwrapped(attitude.of_rows(attitudes)),
+        np.searchsorted(attitudes, pairs),
+        block,
+    )
+    if fit is None or fit.start_s.size < _FEWEST_BLOCKS * _PER_BLOCK:
+        return None
+    return GyroCheck(length_s=_INTERVAL_S, **fit._asdict())
 
 
 def _rows_within(series: CleanSeries, spans_s: FloatArray) -> IntArray:

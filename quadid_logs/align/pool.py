@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from quadid_logs.data.flight import FlightData, InputDescription, Segment
+from quadid_logs.data.flight import FlightData, InputDescription
 from quadid_logs.data.log import NO_GYRO_FILTER
 from quadid_logs.errors import SettingsError
 
@@ -42,13 +42,31 @@ def pool(flights: Sequence[FlightData]) -> FlightData:
     first, *others = (each for each in flights if each.segments)
     merged, end_s = first, first.start_s + first.duration_s
     for other in others:
-        _check_alike(first, other)
+        # Refuse logs whose numbers do not mean the same.
+        if abs(first.sample_period_s - other.sample_period_s) > _SAME_PERIOD * first.sample_period_s:
+            raise SettingsError(
+                f"The logs were resampled to {1.0 / first.sample_period_s:.4g} and "
+                f"{1.0 / other.sample_period_s:.4g} Hz.",
+                hint="Give one --sample-rate-hz for all.",
+            )
+        if first.input is None or other.input is None or first.input.unit != other.input.unit:
+            raise SettingsError(
+                "The torque of the logs is not the same quantity: N m in one, a normalised command in the "
+                "other.",
+                hint="Pool logs of one vehicle and one kind of logging.",
+            )
         shift_s = end_s + _BETWEEN_S - other.start_s
         end_s += _BETWEEN_S + other.duration_s
         n_flights = len(merged.flights)
         merged = replace(
             merged,
-            segments=(*merged.segments, *(_shifted(each, shift_s, n_flights) for each in other.segments)),
+            segments=(
+                *merged.segments,
+                *(
+                    replace(each, time_s=each.time_s + shift_s, flight=each.flight + n_flights)
+                    for each in other.segments
+                ),
+            ),
             flights=(*merged.flights, *((a + shift_s, b + shift_s) for a, b in other.flights)),
             duration_s=merged.duration_s + other.duration_s,
             clock_resets=merged.clock_resets + other.clock_resets,
@@ -79,25 +97,6 @@ def copies(flights: Sequence[FlightData]) -> dict[int, int]:
             if (before := first.setdefault(told.digest(), place)) != place:
                 found[place] = before
     return found
-
-
-def _shifted(segment: Segment, shift_s: float, n_flights: int) -> Segment:
-    return replace(segment, time_s=segment.time_s + shift_s, flight=segment.flight + n_flights)
-
-
-def _check_alike(first: FlightData, other: FlightData) -> None:
-    """Refuse logs whose numbers do not mean the same."""
-    if abs(first.sample_period_s - other.sample_period_s) > _SAME_PERIOD * first.sample_period_s:
-        raise SettingsError(
-            f"The logs were resampled to {1.0 / first.sample_period_s:.4g} and "
-            f"{1.0 / other.sample_period_s:.4g} Hz.",
-            hint="Give one --sample-rate-hz for all.",
-        )
-    if first.input is None or other.input is None or first.input.unit != other.input.unit:
-        raise SettingsError(
-            "The torque of the logs is not the same quantity: N m in one, a normalised command in the other.",
-            hint="Pool logs of one vehicle and one kind of logging.",
-        )
 
 
 def _joint_input(merged: FlightData, parts: Sequence[FlightData]) -> InputDescription | None:

@@ -85,10 +85,20 @@ def describe(
         steps = np.concatenate([np.diff(series.time_s[series.within(*flight)]) for flight in flights])
     period = typical_period(np.cumsum(steps))
     gaps = steps[steps > GAP_PERIODS * period]
+    # Say why this source: the reader's reason, and whether a preferred one was too slow.
+    position = next(i for i, other in enumerate(candidates) if other is series)
+    if position == 0:
+        reason = series.reason or "the preferred source"
+    else:
+        passed = candidates[0]
+        reason = (
+            f"{series.reason or 'next in preference'}; {passed.source} is preferred "
+            f"but has only {passed.rate_hz:.3g} Hz"
+        )
     return SourceChoice(
         signal=series.name,
         source=series.source,
-        reason=_reason(series, candidates),
+        reason=reason,
         n_samples=int(series.time_s.size),
         rate_hz=1.0 / period if period > 0.0 else 0.0,
         mean_rate_hz=float(steps.size / steps.sum()) if steps.size else 0.0,
@@ -99,16 +109,4 @@ def describe(
         n_outliers=series.n_outliers,
         n_not_finite=series.n_not_finite,
         others=tuple((other.source, other.rate_hz) for other in candidates if other is not series),
-    )
-
-
-def _reason(series: CleanSeries, candidates: Sequence[CleanSeries]) -> str:
-    """Say why this source: the reader's reason, and whether a preferred one was too slow."""
-    position = next(i for i, other in enumerate(candidates) if other is series)
-    if position == 0:
-        return series.reason or "the preferred source"
-    passed = candidates[0]
-    return (
-        f"{series.reason or 'next in preference'}; {passed.source} is preferred "
-        f"but has only {passed.rate_hz:.3g} Hz"
     )

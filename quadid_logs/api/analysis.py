@@ -23,7 +23,7 @@ from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import EmptyLogError, SettingsError
 from quadid_logs.figures import Figure, figures_of
 from quadid_logs.identify.structures import TERMS, Structure
-from quadid_logs.identify.terms import TORQUE_TERMS, Term
+from quadid_logs.identify.terms import TORQUE_TERMS
 from quadid_logs.report.series_file import aligned_table
 from quadid_logs.simulator import Simulation
 
@@ -131,13 +131,8 @@ class Analysis(Result):
 
     def _identified(self, model: Model) -> IdentifiedModel:
         """Return a model with the methods that need its terms."""
-        return identified(model, self._terms, self)
-
-    @property
-    def _terms(self) -> dict[str, Term]:
-        """All terms that a model of this analysis can have, by symbol."""
         own = () if self.structure is None else self.structure.terms
-        return dict(TERMS) | {term.symbol: term for term in (*TORQUE_TERMS, *own)}
+        return identified(model, dict(TERMS) | {term.symbol: term for term in (*TORQUE_TERMS, *own)}, self)
 
     def _repr_html_(self) -> str:
         """Return verdicts and matrices as HTML without scripts; every text is escaped."""

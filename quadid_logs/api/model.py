@@ -182,7 +182,12 @@ class IdentifiedModel(Model):
         system = _Linear(*rate_matrices(self), np.eye(3), np.zeros((3, 3)), RATE_SYMBOLS)
         if lag_s > 0.0:
             leads_s = (0.0, 0.0, self.yaw_reaction.lead_s if self.yaw_reaction else 0.0)
-            lags = [_lag(lag_s, lead_s, name) for lead_s, name in zip(leads_s, TORQUE_SYMBOLS, strict=True)]
+            lags = []
+            for lead_s, name in zip(leads_s, TORQUE_SYMBOLS, strict=True):
+                through = lead_s / lag_s
+                values = (-1.0 / lag_s, 1.0 / lag_s, 1.0 - through, through)
+                A, B, C, D = (np.array([[value]]) for value in values)
+                lags.append(_Linear(A, B, C, D, (f"{name}_lag",)))
             system = _beside(lags).before(system)
         if wanted_s > 0.0 and pade_order:
             delay = library.tf2ss(library.tf(*library.pade(wanted_s, pade_order)))
@@ -308,13 +313,6 @@ def _beside(channels: Sequence[_Linear]) -> _Linear:
     """Return separate systems as one, block by block."""
     A, B, C, D = (block_diag(*matrices) for matrices in zip(*(each[:4] for each in channels), strict=True))
     return _Linear(A, B, C, D, tuple(name for channel in channels for name in channel.states))
-
-
-def _lag(lag_s: float, lead_s: float, torque: str) -> _Linear:
-    """Return (1 + s lead) / (1 + s lag), its state in the unit of the torque."""
-    through = lead_s / lag_s
-    A, B, C, D = (np.array([[value]]) for value in (-1.0 / lag_s, 1.0 / lag_s, 1.0 - through, through))
-    return _Linear(A, B, C, D, (f"{torque}_lag",))
 
 
 def _delay(approximation: Any, torque: str) -> _Linear:

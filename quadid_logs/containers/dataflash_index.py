@@ -184,7 +184,17 @@ def read_definitions(content: FileParts, headers: Headers) -> Definitions:
             if type_id not in starts_of:
                 starts_of[type_id] = headers.position[headers.type_id == type_id].astype(np.int64)
             starts = starts_of[type_id][:: len(starts_of[type_id]) // _VOTES + 1]
-            definition = _with_credible_length(definition, content, headers, starts)
+            # Of a length and a format that contradict each other, take the one after which more headers
+            # stand.
+            from_format = definition.payload_length + 3
+            if from_format <= 255:
+                nowhere = np.full(len(starts), -1, np.int64)
+                votes = [
+                    int(np.count_nonzero(_find_successors(content, headers, nowhere, starts + length) >= 0))
+                    for length in (definition.length, from_format)
+                ]
+                if votes[1] > votes[0]:
+                    definition = replace(definition, length=from_format)
         versions.append(definition)
     if FMT_ID not in definitions and definitions:
         definitions[FMT_ID] = [_FMT_DEFINITION]
@@ -225,21 +235,6 @@ _FMT_DEFINITION: Final = MessageDefinition(
     columns=("Type", "Length", "Name", "Format", "Columns"),
     offset=0,
 )
-
-
-def _with_credible_length(
-    definition: MessageDefinition, content: FileParts, headers: Headers, starts: IntArray
-) -> MessageDefinition:
-    """Of a length and a format that contradict each other, take the one after which more headers stand."""
-    from_format = definition.payload_length + 3
-    if from_format > 255:
-        return definition
-    nowhere = np.full(len(starts), -1, np.int64)
-    votes = [
-        int(np.count_nonzero(_find_successors(content, headers, nowhere, starts + length) >= 0))
-        for length in (definition.length, from_format)
-    ]
-    return replace(definition, length=from_format if votes[1] > votes[0] else definition.length)
 
 
 def definition_at(definitions: list[MessageDefinition], positions: AnyArray) -> IntArray:
@@ -395,7 +390,23 @@ def _follow_chain(
     step[np.array(starts, np.int64)] += 1
     step[np.array(stops, np.int64)] -= 1
     keep = np.cumsum(step[:-1], dtype=np.int8).view(np.bool_)
-    lost = _describe_gaps(content, headers, lengths, gaps)
+    # What was lost between the first header that leads nowhere and the one where the chain resumes.
+    first, resumed = np.array(gaps, np.int64).reshape(-1, 2).T
+    type_ids = headers.type_id[first]
+    start = headers.position[first].astype(np.int64)
+    ends = np.append(headers.position, headers.position.dtype.type(content.n_bytes))[resumed].astype(np.int64)
+    length = _message_lengths(Headers(headers.position[first], type_ids), slice(None), lengths)
+    lost = []
+    for offset, end, type_id, size in zip(
+        start.tolist(), ends.tolist(), type_ids.tolist(), length.tolist(), strict=True
+    ):
+        if size == 0:
+            reason = f"message id {type_id} has no definition"
+        elif offset + size > content.n_bytes:
+            reason = "cut off by the end of the file"
+        else:
+            reason = "no message follows where the length says"
+        lost.append(LostBytes(offset=offset, n_bytes=end - offset, reason=reason))
     lost.append(LostBytes(offset=0, n_bytes=int(headers.position[0]), reason="no message header"))
     lost += _cut_tail(content, headers, keep, lengths)
     return keep, merge_lost(lost)
@@ -439,29 +450,6 @@ def _next_credible(leads_on: BoolArray, here: int) -> int:
         if part[found]:
             return start + found
     return len(leads_on)
-
-
-def _describe_gaps(
-    content: FileParts, headers: Headers, lengths: _Lengths, gaps: list[tuple[int, int]]
-) -> list[LostBytes]:
-    """Say what was lost between the first header that leads nowhere and the one where the chain resumes."""
-    first, resumed = np.array(gaps, np.int64).reshape(-1, 2).T
-    type_ids = headers.type_id[first]
-    start = headers.position[first].astype(np.int64)
-    ends = np.append(headers.position, headers.position.dtype.type(content.n_bytes))[resumed].astype(np.int64)
-    length = _message_lengths(Headers(headers.position[first], type_ids), slice(None), lengths)
-    found = []
-    for offset, end, type_id, size in zip(
-        start.tolist(), ends.tolist(), type_ids.tolist(), length.tolist(), strict=True
-    ):
-        if size == 0:
-            reason = f"message id {type_id} has no definition"
-        elif offset + size > content.n_bytes:
-            reason = "cut off by the end of the file"
-        else:
-            reason = "no message follows where the length says"
-        found.append(LostBytes(offset=offset, n_bytes=end - offset, reason=reason))
-    return found
 
 
 def _cut_tail(content: FileParts, headers: Headers, keep: BoolArray, lengths: _Lengths) -> list[LostBytes]:

@@ -110,7 +110,29 @@ def frame(file: FileParts, dialect: Dialect) -> Framing:
     Bytes that belong to no packet are in `lost`, except packets of unknown type, whose checksum cannot be
     known, where they fill a gap exactly.
     """
-    packets = _all_packets(file, dialect)
+    # To hold all blocks' packets until they are joined would take twice the memory.
+    whole, count = _NO_PACKETS, 0
+    for begin, block in file.blocks(_BLOCK, LONGEST):
+        # What begins in the first `_BLOCK` bytes, places counted from 0; first packets of version 1. Both
+        # magic bytes in one pass: they follow each other, and smaller values wrap around.
+        found = np.flatnonzero(block[:_BLOCK] - np.uint8(MAGIC_2) <= MAGIC_1 - MAGIC_2)
+        is_1 = block[found] == MAGIC_1
+        versions = [
+            _headers(block, found[is_1], _LAYOUT_1, dialect),
+            _headers(block, found[~is_1], _LAYOUT_2, dialect),
+        ]
+        packets = Packets(*(np.concatenate(parts) for parts in zip(*versions, strict=True)))
+        packets = packets.where(_has_right_checksum(block, packets, dialect))
+        more = packets.where(np.argsort(packets.start, kind="stable"))
+        after = count + len(more.start)
+        if after > len(whole.start):
+            expected = int(1.1 * after * file.n_bytes / (begin + _BLOCK))
+            whole = whole.in_place_for(max(after, expected, 3 * count // 2), count)
+        for field, part in zip(whole, more, strict=True):
+            field[count:after] = part
+        whole.start[count:after] += begin
+        count = after
+    packets = whole.where(slice(count))
     # Mark the packets that do not begin inside an earlier one: a checksum can be right by chance.
     keep = np.ones(len(packets.start), bool)
     ends = packets.end
@@ -143,40 +165,6 @@ def host_time_s(file: FileParts, packets: Packets) -> FloatArray:
     (stamps,) = rows_of_types(file, [(packets.start[has_stamp] - STAMP_SIZE, _STAMP_LAYOUT)])
     time_s[has_stamp] = stamps["us"] * 1e-6
     return time_s
-
-
-def _all_packets(file: FileParts, dialect: Dialect) -> Packets:
-    """Find the packets of all blocks, in arrays as large as the part seen so far lets expect.
-
-    To hold all blocks' packets until they are joined would take twice the memory.
-    """
-    whole, count = _NO_PACKETS, 0
-    for begin, block in file.blocks(_BLOCK, LONGEST):
-        # Those with a right checksum that begin in the first `_BLOCK` bytes; places count from 0.
-        packets = _candidates(block, dialect)
-        packets = packets.where(_has_right_checksum(block, packets, dialect))
-        more = packets.where(np.argsort(packets.start, kind="stable"))
-        after = count + len(more.start)
-        if after > len(whole.start):
-            expected = int(1.1 * after * file.n_bytes / (begin + _BLOCK))
-            whole = whole.in_place_for(max(after, expected, 3 * count // 2), count)
-        for field, part in zip(whole, more, strict=True):
-            field[count:after] = part
-        whole.start[count:after] += begin
-        count = after
-    return whole.where(slice(count))
-
-
-def _candidates(block: Bytes, dialect: Dialect) -> Packets:
-    """Find what can be the header of a packet, first those of version 1."""
-    # Both magic bytes in one pass: they follow each other, and smaller values wrap around.
-    found = np.flatnonzero(block[:_BLOCK] - np.uint8(MAGIC_2) <= MAGIC_1 - MAGIC_2)
-    is_1 = block[found] == MAGIC_1
-    versions = [
-        _headers(block, found[is_1], _LAYOUT_1, dialect),
-        _headers(block, found[~is_1], _LAYOUT_2, dialect),
-    ]
-    return Packets(*(np.concatenate(parts) for parts in zip(*versions, strict=True)))
 
 
 def _headers(block: Bytes, start: IntArray, layout: np.dtype[np.void], dialect: Dialect) -> Packets:
@@ -239,25 +227,20 @@ def _checksums(block: Bytes, packets: Packets, dialect: Dialect) -> NDArray[np.u
     words = np.empty((n_steps, n_packets), "<u2")
     extra = dialect.extra[packets.msg_id].astype(np.uint8)
     for size, lo, hi in zip(sizes.tolist(), first, [*first[1:], n_packets], strict=True):
-        covered = _covered_words(block, packets.start[lo:hi], size, extra[lo:hi])
+        # The initial ones of the register are combined with the first two bytes; an odd size has a zero in
+        # front.
+        start = packets.start[lo:hi]
+        odd = size % 2
+        row = rows_at(block, start + (1 - odd), np.dtype((np.void, size + odd)))
+        body = row.view(np.uint8).reshape(len(start), size + odd)
+        body[:, :odd] = 0
+        body[:, odd : odd + 2] ^= 0xFF
+        body[:, -1] = extra[lo:hi]
+        covered = body.view("<u2")
         words[n_steps - covered.shape[1] :, lo:hi] = covered.T
     # The packets that have begun at each step: the longest ones, which stand last.
     begun = first[np.searchsorted(sizes, 2 * np.arange(n_steps, 0, -1) - 1)]
     return crc_of_columns(words, begun)
-
-
-def _covered_words(block: Bytes, start: IntArray, size: int, extra: Bytes) -> NDArray[np.uint16]:
-    """Return what the checksums of packets of one size cover, as rows of 16-bit words.
-
-    The initial ones of the register are combined with the first two bytes; an odd size has a zero in front.
-    """
-    odd = size % 2
-    row = rows_at(block, start + (1 - odd), np.dtype((np.void, size + odd)))
-    body = row.view(np.uint8).reshape(len(start), size + odd)
-    body[:, :odd] = 0
-    body[:, odd : odd + 2] ^= 0xFF
-    body[:, -1] = extra
-    return body.view("<u2")
 
 
 def crc_of_columns(words: NDArray[np.uint16], begun: IntArray) -> NDArray[np.uint16]:

@@ -177,6 +177,11 @@ def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -
         own = packets if is_own.all() else packets.where(is_own)
         messages = _decode(file, own, dialect, {*names, "HEARTBEAT"})
         clock, on_host_clock = _boot_clock(file, own, dialect, messages)
+    # Count the messages by type, with their mean rate over the time that the clock covers.
+    running = np.diff(clock.time_s)
+    duration_s = float(running[(running > 0.0) & (running < 3600.0)].sum())
+    ids, counts = np.unique(own.msg_id, return_counts=True)
+    rate = 1.0 / duration_s if duration_s > 0.0 else float("nan")
     return TlogContent(
         messages=messages,
         clock=clock,
@@ -184,7 +189,15 @@ def read_content(path: str | Path, names: Collection[str], *, system: int = 0) -
         senders=senders,
         n_senders=n_senders,
         chosen=chosen,
-        counts=_counts(own, dialect, clock),
+        counts=tuple(
+            sorted(
+                (
+                    MessageCount(name=dialect.types[msg_id].name, count=count, rate_hz=count * rate)
+                    for msg_id, count in zip(ids.tolist(), counts.tolist(), strict=True)
+                ),
+                key=lambda count: count.name,
+            )
+        ),
         lost=framing.lost,
         n_unknown=framing.n_unknown,
         n_bytes=file.n_bytes,
@@ -311,20 +324,3 @@ def _most_frequent(address: IntArray, values: AnyArray) -> tuple[IntArray, IntAr
     order = np.lexsort((pairs, -counts, pairs // 256))
     who, first = np.unique(pairs[order] // 256, return_index=True)
     return who, pairs[order][first] % 256
-
-
-def _counts(packets: Packets, dialect: Dialect, clock: BootClock) -> tuple[MessageCount, ...]:
-    """Count the messages by type, with their mean rate over the time that the clock covers."""
-    running = np.diff(clock.time_s)
-    duration_s = float(running[(running > 0.0) & (running < 3600.0)].sum())
-    ids, counts = np.unique(packets.msg_id, return_counts=True)
-    rate = 1.0 / duration_s if duration_s > 0.0 else float("nan")
-    return tuple(
-        sorted(
-            (
-                MessageCount(name=dialect.types[msg_id].name, count=count, rate_hz=count * rate)
-                for msg_id, count in zip(ids.tolist(), counts.tolist(), strict=True)
-            ),
-            key=lambda count: count.name,
-        )
-    )

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, FloatArray, IntArray
+from quadid_logs.arrays import AnyArray, IntArray
 from quadid_logs.containers.content import FileParts, mean_rate_hz, rows_of_types
-from quadid_logs.containers.ulog_definitions import Definitions, Subscription
+from quadid_logs.containers.ulog_definitions import Definitions
 from quadid_logs.containers.ulog_frames import Frames, frame
 from quadid_logs.data.log import LostBytes, MessageCount
 
@@ -190,15 +190,14 @@ def _counts(file: FileParts, frames: Frames) -> tuple[MessageCount, ...]:
     for subscription, starts in zip(frames.definitions.subscriptions, frames.starts, strict=True):
         if len(starts):
             name = subscription.name + (f"[{subscription.multi_id}]" if subscription.multi_id else "")
-            rate_hz = mean_rate_hz(len(starts), _first_and_last_us(file, subscription, starts), 1e-6)
+            # When the first and the last row were logged [us]; None where they have no time, or are one.
+            layout = subscription.dtype
+            first_and_last_us = None
+            if len(starts) >= 2 and holds(layout, "timestamp", "iuf"):
+                ends = (starts[[0, -1]] + _MESSAGE_HEADER).tolist()
+                first_and_last_us = np.array(
+                    [float(file.part(at, at + layout.itemsize).view(layout)["timestamp"][0]) for at in ends]
+                )
+            rate_hz = mean_rate_hz(len(starts), first_and_last_us, 1e-6)
             counts.append(MessageCount(name=name, count=len(starts), rate_hz=rate_hz))
     return tuple(sorted(counts, key=lambda count: count.name))
-
-
-def _first_and_last_us(file: FileParts, subscription: Subscription, starts: IntArray) -> FloatArray | None:
-    """Return when the first and the last row were logged [us]; None where they have no time, or are one."""
-    layout = subscription.dtype
-    if len(starts) < 2 or not holds(layout, "timestamp", "iuf"):
-        return None
-    ends = (starts[[0, -1]] + _MESSAGE_HEADER).tolist()
-    return np.array([float(file.part(at, at + layout.itemsize).view(layout)["timestamp"][0]) for at in ends])

@@ -95,7 +95,13 @@ class Definitions:
 
     def _take(self, kind: str, body: bytes, offset: int) -> None:
         if kind == "B":
-            self._take_flags(body, offset)
+            incompatible = body[8:16]
+            offsets = struct.unpack("<3Q", body[16:40])
+            self.unknown_flags |= bool(incompatible[0] & ~1 or any(incompatible[1:]))
+            if incompatible[0] & 1:
+                # The offsets count from the start of this file, which can be joined to another one.
+                start = offset - HEADER_SIZE
+                self.appended_at += [start + position for position in offsets if position]
         elif kind == "F":
             self.formats.define(_text_of(body))
         elif kind == "A":
@@ -117,7 +123,13 @@ class Definitions:
             # Boot messages, performance counters, defaults of parameters: nothing that the analysis uses.
             _key_and_value(body[1:])
         elif kind == "P":
-            self._take_parameter(body, offset)
+            name, value = _key_and_value(body)
+            if not isinstance(value, int | float):
+                raise BrokenMessageError("a parameter that is no number")
+            if self.has_data_section:
+                before = self.parameters.get(name, float(value))
+                self.parameter_writes.append(ParameterWrite(offset, name, float(value), before))
+            self.parameters[name] = float(value)
         elif kind in "LC":
             # With a tag of two bytes after the level, or without.
             head = struct.Struct("<BQ" if kind == "L" else "<BHQ")
@@ -130,24 +142,6 @@ class Definitions:
             self.dropouts.append(Dropout(offset, duration_ms))
         elif body != SYNC_MAGIC:
             raise BrokenMessageError("a sync message without its mark")
-
-    def _take_flags(self, body: bytes, offset: int) -> None:
-        incompatible = body[8:16]
-        offsets = struct.unpack("<3Q", body[16:40])
-        self.unknown_flags |= bool(incompatible[0] & ~1 or any(incompatible[1:]))
-        if incompatible[0] & 1:
-            # The offsets count from the start of this file, which can be joined to another one.
-            start = offset - HEADER_SIZE
-            self.appended_at += [start + position for position in offsets if position]
-
-    def _take_parameter(self, body: bytes, offset: int) -> None:
-        name, value = _key_and_value(body)
-        if not isinstance(value, int | float):
-            raise BrokenMessageError("a parameter that is no number")
-        if self.has_data_section:
-            before = self.parameters.get(name, float(value))
-            self.parameter_writes.append(ParameterWrite(offset, name, float(value), before))
-        self.parameters[name] = float(value)
 
 
 def _text_of(body: bytes) -> str:

@@ -94,7 +94,25 @@ class Formats:
         """
         if name not in self._rows:
             full = self._layout(name, ()).dtype
-            self._rows[name] = (_without_padding(full, name), full.itemsize)
+            # A row's dtype without the padding at its end.
+            kept = list(full.names or ())
+            while kept and kept[-1].startswith("_padding"):
+                kept.pop()
+            fields: Any = full.fields
+            if not kept:
+                raise BrokenMessageError(f"{name} has no field")
+            end = fields[kept[-1]][1] + fields[kept[-1]][0].itemsize
+            self._rows[name] = (
+                np.dtype(
+                    {
+                        "names": kept,
+                        "formats": [fields[part][0] for part in kept],
+                        "offsets": [fields[part][1] for part in kept],
+                        "itemsize": end,
+                    }
+                ),
+                full.itemsize,
+            )
         return self._rows[name]
 
     def _layout(self, name: str, outer: tuple[str, ...]) -> _Layout:
@@ -139,22 +157,3 @@ class Formats:
         self._n_fields += len(parts)
         found = [_FIELD.fullmatch(part) for part in parts]
         return [Field(match[1], int(match[2] or 0), match[3]) for match in found if match]
-
-
-def _without_padding(full: np.dtype[np.void], name: str) -> np.dtype[np.void]:
-    """Return a row's dtype without the padding at its end."""
-    kept = list(full.names or ())
-    while kept and kept[-1].startswith("_padding"):
-        kept.pop()
-    fields: Any = full.fields
-    if not kept:
-        raise BrokenMessageError(f"{name} has no field")
-    end = fields[kept[-1]][1] + fields[kept[-1]][0].itemsize
-    return np.dtype(
-        {
-            "names": kept,
-            "formats": [fields[part][0] for part in kept],
-            "offsets": [fields[part][1] for part in kept],
-            "itemsize": end,
-        }
-    )

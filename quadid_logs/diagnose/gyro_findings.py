@@ -109,7 +109,11 @@ def _scales(check: GyroCheck) -> Iterator[Finding]:
     """Judge scale, sign and place of each axis that turned enough."""
     low, high = check.interval
     for number, axis in enumerate(AXES):
-        swapped = _swapped_with(check, number)
+        # The axis that the attitude turns about when this rate is logged, "" if it is its own.
+        column, explained = check.matrix[:, number], check.explained[:, number]
+        strong = (np.abs(column) - check.half_width[:, number] > _SWAPPED) & (explained > _MIN_EXPLAINED)
+        strong[number] = False
+        swapped = AXES[int(np.argmax(strong))] if strong.any() else ""
         if swapped:
             yield _finding(check, number, "error", f"The {axis} rate turns {swapped} by the attitude")
             continue
@@ -118,22 +122,12 @@ def _scales(check: GyroCheck) -> Iterator[Finding]:
         off = max(low[number, number] - 1.0, 1.0 - high[number, number])
         if off > _SCALE_WARNING:
             level: Level = "error" if off > _SCALE_ERROR else "warning"
-            yield _finding(check, number, level, _title(axis, float(check.matrix[number, number])))
-
-
-def _swapped_with(check: GyroCheck, number: int) -> str:
-    """Return the axis that the attitude turns about when this rate is logged, "" if it is its own."""
-    column, explained = check.matrix[:, number], check.explained[:, number]
-    strong = (np.abs(column) - check.half_width[:, number] > _SWAPPED) & (explained > _MIN_EXPLAINED)
-    strong[number] = False
-    return AXES[int(np.argmax(strong))] if strong.any() else ""
-
-
-def _title(axis: str, scale: float) -> str:
-    """Say in words how far the axis turns by the attitude."""
-    if scale < 0.0:
-        return f"The {axis} rate has the wrong sign, by the attitude"
-    return f"By the attitude, {axis} turns {scale:.3g} times as far as its rate says"
+            scale = float(check.matrix[number, number])
+            if scale < 0.0:
+                title = f"The {axis} rate has the wrong sign, by the attitude"
+            else:
+                title = f"By the attitude, {axis} turns {scale:.3g} times as far as its rate says"
+            yield _finding(check, number, level, title)
 
 
 def _finding(check: GyroCheck, number: int, level: Level, title: str) -> Finding:

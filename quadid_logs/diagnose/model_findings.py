@@ -148,6 +148,9 @@ _Check = Callable[[_Axis], Finding | None]
 
 def _axis(log: FlightLog, identification: Identification, model: Model, number: int) -> Iterator[Finding]:
     """Judge one axis; the first thing that makes its number worthless is enough."""
+    # What to do about an axis that lacks no excitation; in a list of steps it has a name.
+    # Who made the columns of a table can look at them.
+    columns = " Check units, signs and times of the table's columns." if log.format == TABLE_FORMAT else ""
     axis = _Axis(
         name=AXES[number],
         number=number,
@@ -156,7 +159,10 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         on_axis=model.entries[ON_AXIS[AXES[number]]],
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
         logging=advice_for(log.autopilot).logging(log.format, log.parameters, log.version),
-        enough_motion=_enough_motion(log.format),
+        enough_motion=(
+            f"This axis turned by more than {WELL_EXCITED_DEG_S:g} deg/s rms, which is enough: larger "
+            f"manoeuvres would not help. {CALMER}{columns}"
+        ),
         response=identification.responses[number] if identification.responses else None,
         asked=next(iter(identification.spectral[number : number + 1]), None),
     )
@@ -177,16 +183,6 @@ def _checks(axis: _Axis, *, only_yaw: bool) -> tuple[tuple[_Check, ...], tuple[_
     if axis.spectral is not None:
         return _SPECTRAL_FATAL, _SPECTRAL_OTHERS
     return (_UNTOLD, ()) if axis.alone else (_FATAL, _OTHERS)
-
-
-def _enough_motion(log_format: str) -> str:
-    """Say what to do about an axis that lacks no excitation; in a list of steps it has a name."""
-    # Who made the columns of a table can look at them.
-    columns = " Check units, signs and times of the table's columns." if log_format == TABLE_FORMAT else ""
-    return (
-        f"This axis turned by more than {WELL_EXCITED_DEG_S:g} deg/s rms, which is enough: larger manoeuvres "
-        f"would not help. {CALMER}{columns}"
-    )
 
 
 def _evidence(axis: _Axis) -> dict[str, object]:
@@ -265,11 +261,6 @@ def _wrong_sign(axis: _Axis) -> Finding | None:
     return axis.finding("QL506", "error", _evidence(axis) | _gain(axis))
 
 
-def _is_wide(axis: _Axis) -> bool:
-    # What the interval covers beside that has findings of its own.
-    return axis.on_axis.half_width > MAX_RELATIVE_CI * axis.on_axis.value
-
-
 def _is_of_use(axis: _Axis) -> bool:
     low, high = axis.on_axis.ci95
     return math.isfinite(axis.on_axis.half_width) and high < _FACTOR_BETWEEN_ENDS * low
@@ -277,7 +268,7 @@ def _is_of_use(axis: _Axis) -> bool:
 
 def _too_wide(axis: _Axis) -> Finding | None:
     """Refuse an effectiveness that may be anything."""
-    if _is_of_use(axis) or not _is_wide(axis):
+    if _is_of_use(axis) or not (axis.on_axis.half_width > MAX_RELATIVE_CI * axis.on_axis.value):
         return None
     return axis.finding("QL505", "error", _evidence(axis) | _gain(axis))
 

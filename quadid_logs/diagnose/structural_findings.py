@@ -20,7 +20,6 @@ from quadid_logs.data.model import (
     Model,
     SpectralFit,
     StructuralCheck,
-    TorquePath,
 )
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.excitation import LEAST_BANDWIDTH, MOST_IN_ONE_LINE, holds_one_frequency
@@ -250,15 +249,13 @@ def _computed_from_rates(excitation: Sequence[Excitation]) -> tuple[int, ...]:
     of the gyro is in the torque, too.
     """
     is_difference = [each.difference_r2 > _IS_DIFFERENCE for each in excitation]
-    no_path = [_has_no_path(each.path) for each in excitation]
+    no_path = [
+        each.path is not None and each.path.p_value < _BY_CHANCE and each.path.explained > _MOST
+        for each in excitation
+    ]
     if any(is_difference[:_TILTING]) or any(no_path[:_TILTING]):
         return tuple(range(len(excitation)))
     return tuple(number for number in range(len(excitation)) if is_difference[number] and no_path[number])
-
-
-def _has_no_path(path: TorquePath | None) -> bool:
-    """Say whether nothing lies between torque and acceleration: no rotor, and no filter of a gyro."""
-    return path is not None and path.p_value < _BY_CHANCE and path.explained > _MOST
 
 
 def _computed(excitation: Excitation, axis: str) -> Finding:
@@ -340,8 +337,14 @@ def _effects(check: StructuralCheck, number: int, *, averaged: bool, rotors_told
         return
     possible = max(possible_losses(check, number), key=lambda each: abs(each.shift), default=None)
     if possible is not None and abs(possible.shift) > LARGE_SHIFT and not averaged:
+        change = f"{100.0 * abs(possible.shift):.0f} % {'higher' if possible.shift > 0.0 else 'lower'}"
         yield finding(
-            "QL533", "warning", _evidence(check, possible), axes=(axis,), title=_left_open(possible, axis)
+            "QL533",
+            "warning",
+            _evidence(check, possible),
+            axes=(axis,),
+            title=f"The {axis} effectiveness would be {change} if {_IF[possible.effect]}, which the flight "
+            "leaves open",
         )
     known = check.persistence[np.isfinite(check.persistence)]
     of_all = float(np.sum(known) / np.sqrt(max(known.size, 1)))
@@ -365,12 +368,6 @@ def _named(
     # Of a lag, nothing else is to be logged then.
     nothing_missing = rotors_told and named.code == _LAG and level != "error"
     return replace(named, advice="") if nothing_missing else named
-
-
-def _left_open(effect: EffectCheck, axis: str) -> str:
-    """Say what an effect that may be there would do."""
-    change = f"{100.0 * abs(effect.shift):.0f} % {'higher' if effect.shift > 0.0 else 'lower'}"
-    return f"The {axis} effectiveness would be {change} if {_IF[effect.effect]}, which the flight leaves open"
 
 
 def _evidence(check: StructuralCheck, effect: EffectCheck) -> dict[str, object]:

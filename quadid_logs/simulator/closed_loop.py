@@ -373,7 +373,14 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
     ops = arithmetic(len(setups))
     body, controller, battery, gyro = _body(setups), _controller(setups), _Battery(setups), _Gyro(setups)
     phases, n_rotors = setups[0].schedule, setups[0].airframe.n_rotors
-    surroundings = _surroundings(setups)
+    # Collect what acts on the vehicles from outside, wind excepted.
+    frames = [s.airframe for s in setups]
+    surroundings = Surroundings(
+        [s.effects for s in setups],
+        vector([np.diagonal(frame.inertia_kg_m2) for frame in frames]),
+        stacked([frame.mass_kg for frame in frames]),
+        1.0 / setups[0].loop_hz,
+    )
     faults = MotorFaults([s.effects for s in setups], n_rotors, phases.manoeuvre_s, phases.land_s)
     zero = stacked([0.0 for _ in setups])
     nothing, still = (zero, zero, zero), (zero,) * first.airframe.n_rotors
@@ -633,7 +640,14 @@ def _body(setups: tuple[Setup, ...]) -> Body:
     frames = [s.airframe for s in setups]
     step_s = 1.0 / setups[0].loop_hz
     inertia = np.array([frame.inertia_kg_m2 for frame in frames])
-    arms = np.array([_arms(s) for s in setups])
+    torques = []
+    for s in setups:
+        # L, M, N per newton of each rotor about the centre of mass, wherever that is; (3, n_rotors).
+        frame, (forward, right) = s.airframe, s.effects.mass_offset
+        reach = float(np.hypot(*frame.position_m[:, :2].T).max())
+        position = frame.position_m - reach * np.array([forward, right, 0.0])
+        torques.append(torque_matrix(position, frame.spin, frame.torque_to_thrust_m))
+    arms = np.array(torques)
     return Body(
         step_s=step_s,
         mass=stacked([frame.mass_kg for frame in frames]),
@@ -656,28 +670,9 @@ def _body(setups: tuple[Setup, ...]) -> Body:
     )
 
 
-def _arms(setup: Setup) -> FloatArray:
-    """Return L, M, N per newton of each rotor about the centre of mass, wherever that is; (3, n_rotors)."""
-    frame, (forward, right) = setup.airframe, setup.effects.mass_offset
-    reach = float(np.hypot(*frame.position_m[:, :2].T).max())
-    position = frame.position_m - reach * np.array([forward, right, 0.0])
-    return torque_matrix(position, frame.spin, frame.torque_to_thrust_m)
-
-
 def hover_rad_s_of(airframe: SimulatedAirframe) -> float:
     """Return the speed of whole rotors that carry the weight [rad/s]."""
     return float(airframe.rotor_speed_max_rad_s * airframe.hover_throttle**0.5)
-
-
-def _surroundings(setups: tuple[Setup, ...]) -> Surroundings:
-    """Collect what acts on the vehicles from outside, wind excepted."""
-    frames = [s.airframe for s in setups]
-    return Surroundings(
-        [s.effects for s in setups],
-        vector([np.diagonal(frame.inertia_kg_m2) for frame in frames]),
-        stacked([frame.mass_kg for frame in frames]),
-        1.0 / setups[0].loop_hz,
-    )
 
 
 def _decay(lags_s: Sequence[float], step_s: float) -> tuple[Component, Component]:

@@ -157,7 +157,13 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
     messages = [_collect(stream, records, offsets, logging) for stream in streams]
     messages += _events(records, offsets, logging)
     kept, n_dropped = _drop(messages, setup, logging, float(offsets[-1]))
-    positions = _positions([rows.true_s for rows in kept])
+    # Give all rows of all messages a number in the order of true time, 1 first.
+    times = [rows.true_s for rows in kept]
+    message = np.concatenate([np.full(time.size, i) for i, time in enumerate(times)])
+    order = np.lexsort((message, np.concatenate(times)))
+    rank = np.empty(order.size, dtype=np.int64)
+    rank[order] = np.arange(1, order.size + 1)
+    positions = np.split(rank, np.cumsum([time.size for time in times])[:-1])
     file_s = np.sort(np.concatenate([rows.true_s for rows in kept]))
     return FlightLog(
         path="",
@@ -353,28 +359,23 @@ def _events(records: tuple[Record, ...], offsets: FloatArray, logging: Logging) 
     names = (("actuator_armed", "armed"), ("vehicle_land_detected", "landed"))
     if setup.autopilot == "ardupilot":
         names = (("ARM", "ArmState"), ("EV", "Id"))
-    return [
-        _event_rows(
-            Stream(message=message, signals=((signal, field),)), events, setup, logging, float(offsets[-1])
+    found = []
+    for (message, field), signal, events in zip(names, ("armed", "landed"), (armed, landed), strict=True):
+        # Log the state in which the log finds the vehicle, and every change from then on.
+        stream = Stream(message=message, signals=((signal, field),))
+        before = [state for time, state in events if time <= logging.start_s]
+        kept = [(logging.start_s, before[-1]), *(event for event in events if event[0] > logging.start_s)]
+        time, values = np.array(kept).T
+        time = np.round(time * setup.loop_hz) / setup.loop_hz
+        found.append(
+            _MessageRows(
+                stream=stream,
+                true_s=time,
+                stamp_s=_stamp(time, setup, logging, float(offsets[-1])),
+                values={stream.signals[0][0]: values[:, np.newaxis]},
+            )
         )
-        for (message, field), signal, events in zip(names, ("armed", "landed"), (armed, landed), strict=True)
-    ]
-
-
-def _event_rows(
-    stream: Stream, events: list[tuple[float, float]], setup: Setup, logging: Logging, end_s: float
-) -> _MessageRows:
-    """Log the state in which the log finds the vehicle, and every change from then on."""
-    before = [state for time, state in events if time <= logging.start_s]
-    kept = [(logging.start_s, before[-1]), *(event for event in events if event[0] > logging.start_s)]
-    time, values = np.array(kept).T
-    time = np.round(time * setup.loop_hz) / setup.loop_hz
-    return _MessageRows(
-        stream=stream,
-        true_s=time,
-        stamp_s=_stamp(time, setup, logging, end_s),
-        values={stream.signals[0][0]: values[:, np.newaxis]},
-    )
+    return found
 
 
 def _drop(
@@ -395,15 +396,6 @@ def _drop(
         n_dropped += int(lost.sum())
         kept.append(rows.where(~lost))
     return kept, n_dropped
-
-
-def _positions(times: list[FloatArray]) -> list[IntArray]:
-    """Give all rows of all messages a number in the order of true time, 1 first."""
-    message = np.concatenate([np.full(time.size, i) for i, time in enumerate(times)])
-    order = np.lexsort((message, np.concatenate(times)))
-    rank = np.empty(order.size, dtype=np.int64)
-    rank[order] = np.arange(1, order.size + 1)
-    return np.split(rank, np.cumsum([time.size for time in times])[:-1])
 
 
 def _signals(

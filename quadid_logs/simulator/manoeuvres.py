@@ -71,20 +71,18 @@ def sticks(
 
     ``tilt_rad`` and ``yaw_rate_rad_s`` are the largest deflections.
     """
-    holds = [_random_holds(time_s, rng) for _ in range(3)]
+    holds = []
+    for _ in range(3):
+        # Piecewise constant values in -1 to 1; every other one is the centre.
+        n_holds = int(time_s[-1] / 0.3) + 2
+        ends = np.cumsum(rng.uniform(0.3, 1.5, n_holds))
+        values = rng.uniform(-1.0, 1.0, n_holds + 1) * (np.arange(n_holds + 1) % 2)
+        holds.append(values[np.searchsorted(ends, time_s)])
     return _reference(
         time_s,
         tilt_rad=tilt_rad * np.column_stack(holds[:2]),
         yaw_rate_rad_s=yaw_rate_rad_s * holds[2],
     )
-
-
-def _random_holds(time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Piecewise constant values in -1 to 1; every other one is the centre."""
-    n_holds = int(time_s[-1] / 0.3) + 2
-    ends = np.cumsum(rng.uniform(0.3, 1.5, n_holds))
-    values = rng.uniform(-1.0, 1.0, n_holds + 1) * (np.arange(n_holds + 1) % 2)
-    return np.asarray(values[np.searchsorted(ends, time_s)], dtype=np.float64)
 
 
 def sinusoid(

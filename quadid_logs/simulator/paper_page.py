@@ -27,24 +27,7 @@ _AXES = ("roll", "pitch", "yaw")
 
 def page_text(experiment: Experiment) -> str:
     """Return the whole page as Markdown; the figures lie beside it."""
-    parts = [
-        "# The source paper's experiment, re-run",
-        "Table I vehicle (Ixx = Iyy = 0.008, Izz = 0.01 kg m^2, no products of inertia), torque 0.01 N m at "
-        "1 rad/s on one axis at a time from rest, eq. (8) integrated by a variable-order Adams "
-        "predictor-corrector, sampled every 200 ms, H_k of eq. (11) solved for every window of six samples. "
-        "All numbers below but the column 'published' were computed by this run.",
-        "![Torque, rates and angles of the single-axis runs](fig4.png)",
-        "## Eq. (12) beside ours and the truth",
-        *_tables(experiment),
-        "![Every window's diagonal of B](windows.png)",
-        "## What agrees, what cannot, and why",
-        *_findings(experiment),
-    ]
-    return "\n\n".join(parts) + "\n"
-
-
-def _tables(experiment: Experiment) -> list[str]:
-    """One table of all elements, one of rank and condition number."""
+    # One table of all elements, one of rank and condition number.
     middle = [_median(estimate) for estimate in experiment.estimates]
     head = "| | published eq. (12) | " + " | ".join(e.label for e in experiment.estimates) + " | truth |"
     rows = [head, "|---" * (len(middle) + 3) + "|"]
@@ -63,7 +46,20 @@ def _tables(experiment: Experiment) -> list[str]:
         condition = float(np.median(estimate.condition_number))
         shown = f"{condition:.3g}" if np.isfinite(condition) else "infinite"
         ranks.append(f"| {estimate.label} | {span} | {shown} |")
-    return ["\n".join(rows), note, "\n".join(ranks)]
+    parts = [
+        "# The source paper's experiment, re-run",
+        "Table I vehicle (Ixx = Iyy = 0.008, Izz = 0.01 kg m^2, no products of inertia), torque 0.01 N m at "
+        "1 rad/s on one axis at a time from rest, eq. (8) integrated by a variable-order Adams "
+        "predictor-corrector, sampled every 200 ms, H_k of eq. (11) solved for every window of six samples. "
+        "All numbers below but the column 'published' were computed by this run.",
+        "![Torque, rates and angles of the single-axis runs](fig4.png)",
+        "## Eq. (12) beside ours and the truth",
+        *["\n".join(rows), note, "\n".join(ranks)],
+        "![Every window's diagonal of B](windows.png)",
+        "## What agrees, what cannot, and why",
+        *_findings(experiment),
+    ]
+    return "\n\n".join(parts) + "\n"
 
 
 def _median(estimate: PaperEstimate) -> FloatArray:

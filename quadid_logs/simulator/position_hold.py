@@ -106,10 +106,7 @@ class Navigator:
         self._place = [
             place + self._step_s * speed for place, speed in zip(self._place, velocity[:2], strict=True)
         ]
-        return self._shaped()
-
-    def _shaped(self) -> Navigated:
-        """Return the target behind the shaper's lag, and its rate."""
+        # The target behind the shaper's lag, and its rate.
         lag_s = self._hold.lag_s
         if not lag_s:
             self._target = list(self._wanted)

@@ -36,6 +36,8 @@ def flight_truth(records: tuple[Record, ...], *, scenario: str, boot_s: float) -
     """
     setup = records[0].setups[0]
     in_manoeuvre = _manoeuvre(records[0])
+    rate, command = (records[0].channels[name][in_manoeuvre] for name in ("rate", "command"))
+    noise = setup.noise
     return {
         "schema_version": "1.0",
         "version": version("quadid-logs"),
@@ -46,11 +48,27 @@ def flight_truth(records: tuple[Record, ...], *, scenario: str, boot_s: float) -
         "vehicle": vehicle_truth(setup.airframe),
         "effects": setup.effects.named(),
         "actuator": actuator_truth(setup),
-        "sensing": _sensing(setup),
+        "sensing": {
+            "gyro_filter_hz": setup.gyro_filter_hz,
+            "gyro_noise_rad_s_per_rthz": noise.gyro_rad_s_per_rthz,
+            "gyro_bias_rad_s": list(noise.gyro_bias_rad_s),
+            "gyro_scale": list(noise.gyro_scale),
+            "gyro_cross": list(noise.gyro_cross),
+            "gyro_resolution_rad_s": noise.gyro_resolution_rad_s,
+            "accelerometer_noise_m_s2_per_rthz": noise.accelerometer_m_s2_per_rthz,
+            "rotor_line_rad_s": noise.rotor_line_rad_s,
+            "frame_line_rad_s": noise.frame_line_rad_s,
+            "frame_line_hz": noise.frame_line_hz,
+        },
         "wind_m_s": setup.wind.speed_m_s,
         "loop_hz": setup.loop_hz,
         "mean": _means(records[0], in_manoeuvre),
-        "excitation": _excitation(records[0], in_manoeuvre),
+        "excitation": {
+            "rms_rate_rad_s": np.sqrt(np.mean(rate**2, axis=0)).tolist(),
+            "max_rate_rad_s": np.abs(rate).max(axis=0).tolist(),
+            "rms_command": np.std(command, axis=0).tolist(),
+            "max_command": np.abs(command).max(axis=0).tolist(),
+        },
         "torque_n_m_per_command": torque_per_command(records[0]).tolist(),
         "models": model_truth(setup.airframe, torque_per_command(records[0])),
     }
@@ -123,23 +141,6 @@ def actuator_truth(setup: Setup) -> dict[str, Any]:
     }
 
 
-def _sensing(setup: Setup) -> dict[str, Any]:
-    """Noise and filter of the sensors."""
-    noise = setup.noise
-    return {
-        "gyro_filter_hz": setup.gyro_filter_hz,
-        "gyro_noise_rad_s_per_rthz": noise.gyro_rad_s_per_rthz,
-        "gyro_bias_rad_s": list(noise.gyro_bias_rad_s),
-        "gyro_scale": list(noise.gyro_scale),
-        "gyro_cross": list(noise.gyro_cross),
-        "gyro_resolution_rad_s": noise.gyro_resolution_rad_s,
-        "accelerometer_noise_m_s2_per_rthz": noise.accelerometer_m_s2_per_rthz,
-        "rotor_line_rad_s": noise.rotor_line_rad_s,
-        "frame_line_rad_s": noise.frame_line_rad_s,
-        "frame_line_hz": noise.frame_line_hz,
-    }
-
-
 def _means(record: Record, in_manoeuvre: BoolArray) -> dict[str, float]:
     """Operating point of the manoeuvre."""
     channels = record.channels
@@ -149,18 +150,6 @@ def _means(record: Record, in_manoeuvre: BoolArray) -> dict[str, float]:
         "battery_ratio": float(channels["voltage"][in_manoeuvre].mean()),
         "battery_ratio_filtered": float(channels["voltage_filtered"][in_manoeuvre].mean()),
         "mixer_limited_fraction": float(channels["limited"][in_manoeuvre].mean()),
-    }
-
-
-def _excitation(record: Record, in_manoeuvre: BoolArray) -> dict[str, list[float]]:
-    """Rates and commands of the manoeuvre: root mean square and largest."""
-    rate = record.channels["rate"][in_manoeuvre]
-    command = record.channels["command"][in_manoeuvre]
-    return {
-        "rms_rate_rad_s": np.sqrt(np.mean(rate**2, axis=0)).tolist(),
-        "max_rate_rad_s": np.abs(rate).max(axis=0).tolist(),
-        "rms_command": np.std(command, axis=0).tolist(),
-        "max_command": np.abs(command).max(axis=0).tolist(),
     }
 
 

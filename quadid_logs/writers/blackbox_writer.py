@@ -8,7 +8,6 @@ so that all frames are written at once. Autopilot and version of the log choose 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from typing import BinaryIO, Final, NamedTuple
 
 import numpy as np
@@ -78,7 +77,15 @@ def write_blackbox(log: FlightLog, file: BinaryIO) -> None:
     for signal in main:
         columns |= _columns(signal, log, spelling, first=signal is rates[0])
     if spelling.gyro != 1.0:
-        columns |= _split(columns, spelling)
+        # P as the law makes it of sticks and gyro, and the rest of the sum as I.
+        found: dict[str, FloatArray] = {}
+        for axis in range(3):
+            names = [f"{field}[{axis}]" for field in (STICK, "gyroADC", "axisP")]
+            if all(name in columns for name in names):
+                stick, gyro, whole = (columns[name] for name in names)
+                p = np.rint(_GAIN * (_PER_STICK * np.rint(stick) - np.rint(gyro) / spelling.gyro))
+                found |= {names[2]: p, f"axisI[{axis}]": whole - p}
+        columns |= found
     file.write(_MAGIC)
     for name, text in _header(log, ("loopIteration", "time", *columns)).items():
         file.write(f"H {name}:{text}\n".encode())
@@ -113,18 +120,6 @@ def _spelling(log: FlightLog) -> _Spelling:
     if log.version is not None and log.version < _SET_POINTS_SINCE:
         return _Spelling(per_volt=10.0, sticks=True, throttle=(_LEAST_STICK, _FULL_STICK))
     return _Spelling()
-
-
-def _split(columns: Mapping[str, FloatArray], spelling: _Spelling) -> dict[str, FloatArray]:
-    """Return P as the law makes it of sticks and gyro, and the rest of the sum as I."""
-    found: dict[str, FloatArray] = {}
-    for axis in range(3):
-        names = [f"{field}[{axis}]" for field in (STICK, "gyroADC", "axisP")]
-        if all(name in columns for name in names):
-            stick, gyro, whole = (columns[name] for name in names)
-            p = np.rint(_GAIN * (_PER_STICK * np.rint(stick) - np.rint(gyro) / spelling.gyro))
-            found |= {names[2]: p, f"axisI[{axis}]": whole - p}
-    return found
 
 
 def _sticks(set_points: FloatArray, log: FlightLog) -> FloatArray:

@@ -162,19 +162,16 @@ def flight_log(source: MessageSource, *, log_format: str, preamble: tuple[str, .
         utc_offset_s=_utc_offset_s(tables.get("GPS"), clock),
         remarks=_remarks(tables, clock, messages.rate_scale),
     )
-    return replace(log, swept_axes=_swept_axes(log))
-
-
-def _swept_axes(log: FlightLog) -> tuple[str, ...]:
-    """Return the axes on which System ID mode injected a chirp, also one after the other in a flight."""
+    # The axes on which System ID mode injected a chirp, also one after the other in a flight.
     chirp = next(iter(log.candidates("sysid_chirp")), None)
     if chirp is None:
-        return ()
+        return log
     injecting = chirp.rows.position[np.abs(chirp.values[:, 0]) > 0.0]
     changes = [one.position for one in log.parameter_changes if one.name == "SID_AXIS"]
     places = injecting[np.unique(np.searchsorted(changes, injecting), return_index=True)[1]]
     numbers = {whole_number(log.parameters_at(place).get("SID_AXIS")) for place in places.tolist()}
-    return tuple(axis for column, axis in enumerate(AXES) if numbers & {*_SWEEPS[column::3]})
+    swept_axes = tuple(axis for column, axis in enumerate(AXES) if numbers & {*_SWEEPS[column::3]})
+    return replace(log, swept_axes=swept_axes)
 
 
 def _parameter_changes(table: MessageTable | None, clock: LogClock) -> tuple[ParameterChange, ...]:

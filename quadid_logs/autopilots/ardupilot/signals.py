@@ -125,25 +125,29 @@ class Messages:
         found = self.named(source)
         if not isinstance(source, DataFlashSource) or not found or not found[0].has_numbers(*source.fields):
             return []
-        return [
-            self._part(table, number, source.split) for number, table in self._split(found[0], source.split)
-        ]
-
-    def named(self, source: Source[MessagePart]) -> list[MessageTable]:
-        """Return the messages of a source that the log has."""
-        joined = source.joined if isinstance(source, DataFlashSource) else ()
-        return [self.tables[name] for name in (source.message, *joined) if name in self.tables]
-
-    def _split(self, table: MessageTable, split: Split) -> list[tuple[int | None, MessageTable]]:
-        """Return the number of each sensor or core with its rows, once for all signals."""
+        # The number of each sensor or core with its rows, once for all signals.
+        table, split = found[0], source.split
         if (table, split) not in self._known:
             instances = _instances(table, split.value)
             if split is Split.FIRST:
                 instances = [(None, instances[0][1])]
             elif split is Split.CORES:
-                instances = self._primary_first(table, instances)
+                # Put the core first that was the primary one most of the time.
+                status = self.tables.get(table.name.replace("F1", "F4"))
+                if len(instances) >= 2 and status is not None and status.has_numbers("PI"):
+                    primary = status.integers("PI")
+                    most = max(
+                        (core[0] or 0 for core in instances),
+                        key=lambda core: np.count_nonzero(primary == core),
+                    )
+                    instances = sorted(instances, key=lambda core: (core[0] != most, core[0]))
             self._known[table, split] = instances
-        return self._known[table, split]
+        return [self._part(table, number, source.split) for number, table in self._known[table, split]]
+
+    def named(self, source: Source[MessagePart]) -> list[MessageTable]:
+        """Return the messages of a source that the log has."""
+        joined = source.joined if isinstance(source, DataFlashSource) else ()
+        return [self.tables[name] for name in (source.message, *joined) if name in self.tables]
 
     # Parts are not kept: with their way back to all messages these would outlive the reading.
     def _part(self, table: MessageTable, number: int | None, split: Split) -> MessagePart:
@@ -151,17 +155,6 @@ class Messages:
         if split is Split.SENSORS:
             note = f" of sensor {_number_in(table.name) if number is None else number}"
         return MessagePart(name=name, table=table, rows=self.clock.rows(table), note=note, log=self)
-
-    def _primary_first(
-        self, table: MessageTable, cores: list[tuple[int | None, MessageTable]]
-    ) -> list[tuple[int | None, MessageTable]]:
-        """Put the core first that was the primary one most of the time."""
-        status = self.tables.get(table.name.replace("F1", "F4"))
-        if len(cores) < 2 or status is None or not status.has_numbers("PI"):
-            return cores
-        primary = status.integers("PI")
-        most = max((core[0] or 0 for core in cores), key=lambda core: np.count_nonzero(primary == core))
-        return sorted(cores, key=lambda core: (core[0] != most, core[0]))
 
     @cached_property
     def rate_scale(self) -> RateScale | None:
@@ -316,21 +309,22 @@ def _esc_speeds(part: MessagePart, source: _Row) -> Built | None:
     tables = (table for table in part.log.named(source) if table.has_numbers("RPM"))
     escs = [esc for table in tables for _, esc in _instances(table, ("Instance", "I", "Id"))]
     reference = max(escs, key=lambda table: table.n_rows)
-    speeds = np.column_stack([_aligned_rpm(esc, reference, clock) for esc in escs])
+    columns = []
+    for esc in escs:
+        # An ESC's speed in the logging cycle of each reference row, NaN where it is silent.
+        rpm = np.abs(_float(esc, "RPM"))
+        if esc is reference:
+            columns.append(rpm)
+        else:
+            next_cycle = np.append(reference.position[1:], np.iinfo(np.int64).max)
+            row = np.searchsorted(esc.position, next_cycle, side="left") - 1
+            age = clock.rows(reference).time_s - clock.rows(esc).time_s[np.maximum(row, 0)]
+            fresh = (row >= 0) & (np.abs(age) < _ESC_CYCLE_S)
+            columns.append(np.where(fresh, rpm[np.maximum(row, 0)], np.nan))
+    speeds = np.column_stack(columns)
     if not np.any(np.nan_to_num(speeds)):
         return None  # simulators and ESCs without telemetry log zeros
     return Built(speeds * source.scale, f"{len(escs)} ESCs", "ESC.RPM", clock.rows(reference))
-
-
-def _aligned_rpm(table: MessageTable, reference: MessageTable, clock: LogClock) -> FloatArray:
-    """Return an ESC's speed in the logging cycle of each reference row, NaN where it is silent."""
-    rpm = np.abs(_float(table, "RPM"))
-    if table is reference:
-        return rpm
-    next_cycle = np.append(reference.position[1:], np.iinfo(np.int64).max)
-    row = np.searchsorted(table.position, next_cycle, side="left") - 1
-    age = clock.rows(reference).time_s - clock.rows(table).time_s[np.maximum(row, 0)]
-    return np.where((row >= 0) & (np.abs(age) < _ESC_CYCLE_S), rpm[np.maximum(row, 0)], np.nan)
 
 
 def _standard_density(part: MessagePart, source: _Row) -> FloatArray | None:

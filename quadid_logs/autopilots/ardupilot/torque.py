@@ -80,7 +80,19 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     check = None if mixed is None else _compare(vehicle, mixed, law)
     found = () if mixed is None or (check is not None and not check.fits) else (mixed,)
     if outputs is not None:
-        found = (*found, _from_pulses(vehicle, outputs, law))
+        # The series that RCOU tells, at RCOU's rate.
+        supply = vehicle.supply(outputs.time_s, law.source)
+        actuator = actuator_of_pulse(outputs.values, vehicle.settings)
+        at_stop = any_motor((actuator <= 0.0) | (actuator >= 1.0))
+        found = (
+            *found,
+            replace(
+                _motor_series(vehicle, outputs, actuator, supply),
+                saturated=on_all_axes(at_stop),
+                source=f"{outputs.source} back through the thrust curve",
+                reason="the pulse widths that the motors got: saturation and spin limits are in them",
+            ),
+        )
     return Rebuilt(
         series=found,
         check=check,
@@ -266,19 +278,6 @@ def _fitted_gain(vehicle: _Vehicle, command: _Command, supply: Supply) -> FloatA
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, _GAIN_ROWS), axis=1)
     gain = np.interp(command.series.time_s, outputs.time_s[usable], smooth)
     return np.asarray(gain, dtype=np.float64)
-
-
-def _from_pulses(vehicle: _Vehicle, outputs: CleanSeries, law: _Law) -> MotorSeries:
-    """Return the series that RCOU tells, at RCOU's rate."""
-    supply = vehicle.supply(outputs.time_s, law.source)
-    actuator = actuator_of_pulse(outputs.values, vehicle.settings)
-    at_stop = any_motor((actuator <= 0.0) | (actuator >= 1.0))
-    return replace(
-        _motor_series(vehicle, outputs, actuator, supply),
-        saturated=on_all_axes(at_stop),
-        source=f"{outputs.source} back through the thrust curve",
-        reason="the pulse widths that the motors got: saturation and spin limits are in them",
-    )
 
 
 def _same_loop(rate: CleanSeries, outputs: CleanSeries) -> tuple[IntArray, BoolArray]:

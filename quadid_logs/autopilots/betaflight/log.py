@@ -96,7 +96,10 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
         vehicle_type = MULTIROTOR
     else:
         vehicle_type = "fixed-wing" if "motor[0]" in fields and "motor[1]" not in fields else "unknown"
-    swept_axes = _swept_axes(main)  # before the signals take the columns
+    # The axes that the chirp mode swept: since 2026.6 the second debug field, -1 outside of a run.
+    debug = stacked(main, ("debug[1]", "debug[2]", "debug[3]"), dtype=np.float32)
+    numbers = debug[:, 0] if debug is not None and debug.any() else np.zeros(0)
+    swept_axes = tuple(axis for number, axis in enumerate(AXES) if (numbers == number).any())
     signals = _signals(dialect, content, settings, rows, facts)
     remarks = []
     if len(content.starts) > 1:
@@ -131,14 +134,6 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
         utc_offset_s=_utc_offset_s(header.texts.get("Log start datetime", ""), rows.time_s),
         remarks=tuple(remarks),
     )
-
-
-def _swept_axes(main: FrameTable) -> tuple[str, ...]:
-    """Return the axes that the chirp mode swept: since 2026.6 the second debug field, -1 outside of a run."""
-    debug = stacked(main, ("debug[1]", "debug[2]", "debug[3]"), dtype=np.float32)
-    if debug is None or not debug.any():  # 2025.12 logs the phase alone
-        return ()
-    return tuple(axis for number, axis in enumerate(AXES) if (debug[:, 0] == number).any())
 
 
 def _refuse_others(path: str | Path, dialect: Dialect, texts: Mapping[str, str]) -> None:

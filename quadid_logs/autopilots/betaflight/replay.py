@@ -98,7 +98,12 @@ def _input(log: FlightLog, axis: str, logged: _Logged, terms_: ControllerTerms) 
     settings = log.parameters
     anew = not (logged.thinned_for_d or derives_set_points(settings))
     rows = _rows(axis, logged, terms_, settings, d_too=anew)
-    by_sticks = _stick_rounding(log, logged, axis)
+    # What whole numbers of the stick leave unknown of set-points that are made of it [rad/s], rms.
+    sticks = sticks_of(log.parameters, log.version) if logged.setpoint.source.endswith(STICK) else None
+    by_sticks = 0.0
+    if sticks is not None:
+        number = AXES.index(axis)
+        by_sticks = _DEGREE * sticks.rounding(number, np.degrees(logged.setpoint.values[logged.run, number]))
     tolerance = _tolerance(rows, settings, axis, by_sticks)
     # Whole degrees per second make more of D than of P: where they hide both, P alone may be seen.
     coarse = math.isnan(tolerance) and "D" in rows.logged
@@ -171,15 +176,6 @@ def _limited(total: FloatArray, settings: Mapping[str, float], axis: str) -> Flo
     """Return a sum of terms as the mixer takes it."""
     limit = PID_SCALE * abs(settings.get(*PID_SUM_LIMITS[axis]))
     return np.clip(total, -limit, limit)
-
-
-def _stick_rounding(log: FlightLog, logged: _Logged, axis: str) -> float:
-    """Return what whole numbers of the stick leave unknown of set-points that are made of it [rad/s], rms."""
-    sticks = sticks_of(log.parameters, log.version) if logged.setpoint.source.endswith(STICK) else None
-    if sticks is None:
-        return 0.0
-    number = AXES.index(axis)
-    return _DEGREE * sticks.rounding(number, np.degrees(logged.setpoint.values[logged.run, number]))
 
 
 def _tolerance(rows: AxisRows, settings: Mapping[str, float], axis: str, by_sticks: float) -> float:

@@ -109,7 +109,30 @@ def _log(path: str, cells: table.Cells, n_bytes: int, remarks: Sequence[str]) ->
     time_s = cells.columns[_TIME]
     if not len(time_s):
         raise EmptyLogError(f"{path} has a header but no rows.", hint="Export the table again.")
-    signals, incomplete = _signals(cells)
+    # Build every signal whose columns are complete, and remark on the others.
+    signals: dict[str, tuple[Signal, ...]] = {}
+    incomplete = []
+    synonyms = {
+        name: other for name, other in _synonyms([*cells.columns]).items() if name not in cells.columns
+    }
+    columns = {**cells.columns, **{name: cells.columns[other] for name, other in synonyms.items()}}
+    rows = Rows(columns[_TIME], np.arange(len(columns[_TIME]), dtype=np.int64))
+    for name, spec in SIGNALS.items():
+        # Without columns of its own ``name_1``, ``name_2``, ... as far as the table has them.
+        numbers = (int(each[len(name) + 1 :]) for each in columns if re.match(f"^{name}_\\d+$", each))
+        wanted = list(spec.columns) or [f"{name}_{number}" for number in sorted(numbers)]
+        missing = [column for column in wanted if column not in columns]
+        if missing and len(missing) < len(wanted):
+            incomplete.append(f"{name} is left out: there is no column {', '.join(missing)}.")
+        if wanted and not missing:
+            signal = Signal(
+                name=name,
+                rows=rows,
+                values=np.column_stack([columns[column] for column in wanted]),
+                source=f"{cells.kind} columns {', '.join(synonyms.get(name, name) for name in wanted)}",
+                reason="the table's own column names",
+            )
+            signals[name] = (signal,)
     return FlightLog(
         path=path,
         format="table",
@@ -149,34 +172,6 @@ def _check_names(path: str | Path, names: Sequence[str]) -> list[str]:
             hint="All three body rates are needed.",
         )
     return _canonical_names(names)
-
-
-def _signals(cells: table.Cells) -> tuple[dict[str, tuple[Signal, ...]], list[str]]:
-    """Build every signal whose columns are complete, and remark on the others."""
-    signals: dict[str, tuple[Signal, ...]] = {}
-    remarks = []
-    synonyms = {
-        name: other for name, other in _synonyms([*cells.columns]).items() if name not in cells.columns
-    }
-    columns = {**cells.columns, **{name: cells.columns[other] for name, other in synonyms.items()}}
-    rows = Rows(columns[_TIME], np.arange(len(columns[_TIME]), dtype=np.int64))
-    for name, spec in SIGNALS.items():
-        # Without columns of its own ``name_1``, ``name_2``, ... as far as the table has them.
-        numbers = (int(each[len(name) + 1 :]) for each in columns if re.match(f"^{name}_\\d+$", each))
-        wanted = list(spec.columns) or [f"{name}_{number}" for number in sorted(numbers)]
-        missing = [column for column in wanted if column not in columns]
-        if missing and len(missing) < len(wanted):
-            remarks.append(f"{name} is left out: there is no column {', '.join(missing)}.")
-        if wanted and not missing:
-            signal = Signal(
-                name=name,
-                rows=rows,
-                values=np.column_stack([columns[column] for column in wanted]),
-                source=f"{cells.kind} columns {', '.join(synonyms.get(name, name) for name in wanted)}",
-                reason="the table's own column names",
-            )
-            signals[name] = (signal,)
-    return signals, remarks
 
 
 def _remarks(cells: table.Cells, system: int) -> list[str]:

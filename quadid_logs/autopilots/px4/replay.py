@@ -90,7 +90,18 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str) -> Repl
     rest = before - proportional - derivative - forward
     bound = parameters.get(f"MC_{limit_name}_INT_LIM", _DEFAULT_LIMIT)
     limited = _inferred_limits(rest, increments, rows.known) if rows.limited is None else rows.limited
-    integral = _integral(rest, np.where(limited, 0.0, increments), bound, rows)
+    # The integral from its own increments, begun where it fits what is left of the logged sum.
+    steps = np.where(limited, 0.0, increments)
+    begin = rows.settled()
+    if begin >= rows.n_rows:
+        integral = rest
+    else:
+        free = np.cumsum(steps[begin:]) - steps[begin]
+        second = rows.known[begin : 2 * begin]
+        offset = (rest[begin:] - free)[: second.size][second]
+        first = float(np.median(offset)) if offset.size else float(rest[begin])
+        never = np.zeros(rows.n_rows - begin, np.bool_)
+        integral = np.concatenate([rest[:begin], anti_windup_sum(steps[begin:], never, bound, first=first)])
     total = proportional + integral + derivative + forward
     values: dict[Term, FloatArray] = {"P": proportional, "I": integral, "D": derivative, "FF": forward}
     values["output"] = low_pass(total, torque_hz, step, first=float(rows.output[0]))
@@ -115,18 +126,6 @@ def _acceleration(rows: AxisRows, parameters: Mapping[str, float]) -> FloatArray
     if has_second_order_derivative(parameters):
         return linear_filter(used.numerator, used.denominator, slope)
     return low_pass(slope, cutoff_hz(parameters), rows.step_s, first=0.0)
-
-
-def _integral(rest: FloatArray, steps: FloatArray, bound: float, rows: AxisRows) -> FloatArray:
-    begin = rows.settled()
-    if begin >= rows.n_rows:
-        return rest
-    free = np.cumsum(steps[begin:]) - steps[begin]
-    second = rows.known[begin : 2 * begin]
-    offset = (rest[begin:] - free)[: second.size][second]
-    first = float(np.median(offset)) if offset.size else float(rest[begin])
-    never = np.zeros(rows.n_rows - begin, np.bool_)
-    return np.concatenate([rest[:begin], anti_windup_sum(steps[begin:], never, bound, first=first)])
 
 
 def _inferred_limits(integral: FloatArray, increments: FloatArray, known: BoolArray) -> BoolArray:
