@@ -118,9 +118,11 @@ def _torques(
     )
     # The torques in N m, logged and calibrated.
     logged = tuple(TorqueSeries(series=one) for one in log.sources("torque_n_m"))
-    if not all(scaled.calibration.known) or not _keeps_the_rate(log, rebuilt.series):
-        in_newton_metres = logged
-    else:
+    in_newton_metres = logged
+    # Torque in N m is to be about as dense as the best command: units are not worth samples.
+    best = max((one.n_samples for one in log.sources("torque_command")), default=0)
+    dense = max((len(one.time_s) for one in rebuilt.series), default=0) >= _MOST_LOST * best
+    if dense and all(scaled.calibration.known):
         made = (torque_n_m(one, airframe, scaled, rebuilt.expo) for one in rebuilt.series)
         in_newton_metres = (*logged, *(one for one in made if one is not None))
     sources = (
@@ -163,12 +165,6 @@ def _commands(
     # What the motors did comes before what was commanded; slower outputs are the second opinion.
     made = [one.as_command(airframe, rebuilt.expo) for one in achieved]
     return (*made[:n_first], *logged, *made[n_first:])
-
-
-def _keeps_the_rate(log: CleanLog, series: Sequence[MotorSeries]) -> bool:
-    """Return whether torque in N m is about as dense as the best command: units are not worth samples."""
-    best = max((one.n_samples for one in log.sources("torque_command")), default=0)
-    return max((len(one.time_s) for one in series), default=0) >= _MOST_LOST * best
 
 
 def _saturated_fraction(series: Sequence[MotorSeries]) -> tuple[float, float, float]:

@@ -104,19 +104,17 @@ class Clock:
         # In parts, which stay in the processor's cache.
         for first in range(0, time_s.size, _ROWS):
             part = slice(first, first + _ROWS)
-            nearest = np.minimum(self._row_at(position[part]), self.position.size - 1)
+            # Looked up in the part of the rows that holds all these places.
+            places = position[part]
+            low, high = np.searchsorted(self.position, [places.min(), places.max()])
+            row = np.searchsorted(self.position[low : high + 1], places) + low
+            nearest = np.minimum(row, self.position.size - 1)
             with np.errstate(invalid="ignore"):  # damage makes signalling NaN
                 off = np.abs(time_s[part] - self.time_s[nearest])
                 before = np.abs(time_s[part] - self.time_s[np.maximum(nearest - 1, 0)])
             # At a reset the rows on either side disagree: being near one of them is enough.
             bad[part] = ~(np.minimum(off, before) <= tolerance_s)
         return bad
-
-    def _row_at(self, position: IntArray) -> IntArray:
-        """Return the first row at or behind each file position, looked up in the part that holds them all."""
-        first, last = np.searchsorted(self.position, [position.min(), position.max()])
-        found = np.searchsorted(self.position[first : last + 1], position) + first
-        return np.asarray(found, dtype=np.int64)
 
     def time_at(self, time_s: float, position: int) -> float:
         """Bring one logged time onto the common clock."""

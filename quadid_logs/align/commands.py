@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray, IntArray
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import Segment
 from quadid_logs.data.log import ModeChange
 from quadid_logs.maths.recurrence import lag
@@ -57,7 +57,11 @@ def with_commands(
     order = sorted(modes, key=lambda one: one.time_s)
     put_back = _of_modes(order, gains, 3)
     asked = _of_modes(order, stick_gains or {}, 2) if sticks else np.full((len(order), 2), np.nan)
-    laws = _laws(put_back, asked)
+    # A number for each kind of mode, alike for modes of the same gains; -1 for those without any.
+    both = [tuple(row) for row in np.nan_to_num(np.column_stack([put_back, asked]), nan=-1.0).tolist()]
+    kinds = [*dict.fromkeys(both)]
+    known = np.isfinite(put_back).all(axis=1) | np.isfinite(asked).all(axis=1)
+    laws = np.where(known, [kinds.index(each) for each in both], -1).astype(np.int64)
     begin_s = [one.time_s for one in order]
     flown = [np.maximum(np.searchsorted(begin_s, each.time_s, side="right") - 1, 0) for each in segments]
     found = [
@@ -104,11 +108,3 @@ def _of_modes(order: Sequence[ModeChange], gains: Mapping[str, tuple[float, ...]
     found = np.array([gains.get(one.name, (np.nan,) * width) for one in order])
     found[~(np.abs(found) <= _MOST_GAIN_1_S)] = np.nan
     return found
-
-
-def _laws(put_back: FloatArray, asked: FloatArray) -> IntArray:
-    """Return a number for each kind of mode, alike for modes of the same gains; -1 for those without any."""
-    both = [tuple(row) for row in np.nan_to_num(np.column_stack([put_back, asked]), nan=-1.0).tolist()]
-    kinds = [*dict.fromkeys(both)]
-    known = np.isfinite(put_back).all(axis=1) | np.isfinite(asked).all(axis=1)
-    return np.where(known, [kinds.index(each) for each in both], -1).astype(np.int64)

@@ -76,8 +76,8 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
     aloft = np.ones(grid.shape, dtype=np.bool_)
     stated, evidence = aloft, 0
     for name, believe, failure in (
-        ("armed", _is_set, "the motors were never armed"),
-        ("landed", _is_clear, "the land detector saw no take-off"),
+        ("armed", _state, "the motors were never armed"),
+        ("landed", lambda landed, grid: ~_state(landed, grid), "the land detector saw no take-off"),
         ("throttle", _above_idle, "the throttle never left idle"),
     ):
         if name not in series:
@@ -246,14 +246,6 @@ def _state(series: CleanSeries, grid: FloatArray) -> BoolArray:
     """Return a switch's state; an event says that the state was the opposite before."""
     first = float(series.stored[0, 0])
     return _held(series, grid, before=float(first < 0.5)) > 0.5
-
-
-def _is_set(series: CleanSeries, grid: FloatArray) -> BoolArray:
-    return _state(series, grid)
-
-
-def _is_clear(series: CleanSeries, grid: FloatArray) -> BoolArray:
-    return ~_state(series, grid)
 
 
 def _above_idle(series: CleanSeries, grid: FloatArray) -> BoolArray:

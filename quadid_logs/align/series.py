@@ -353,7 +353,12 @@ class Cleaner:
         # An event may stand alone, minutes from the periodic rows around it in the file.
         apart = signal.name in EVENTS or signal.name in WRITTEN_LATE
         key = signal.rows, JUMP_S if apart else OUTLIER_S
-        stamps = self._stamps_of(*key)
+        if key not in self._stamps:
+            self._stamps[key] = _Stamps(
+                self._clock.common_time(signal.rows.time_s, signal.rows.position),
+                self._clock.is_outlier(signal.rows.time_s, signal.rows.position, key[1]),
+            )
+        stamps = self._stamps[key]
         known = _is_possible(signal.values)
         finite = _says_something(known, signal.name in _ONE_COLUMN_PER_MOTOR)
         if signal.name in _MEASURED and finite.all():
@@ -378,7 +383,8 @@ class Cleaner:
             name=signal.name,
             rows=signal.rows,
             time_s=time_s,
-            stored=values if _all(known) else np.where(known, values, np.nan),
+            # `_is_possible` broadcasts where all values are known, which tells that at once.
+            stored=values if not any(known.strides) or known.all() else np.where(known, values, np.nan),
             period_s=order.period_s,
             source=signal.source,
             reason=signal.reason,
@@ -390,16 +396,6 @@ class Cleaner:
             n_outliers=int(np.count_nonzero(stamps.outlier)),
             n_not_finite=n_not_finite,
         )
-
-    def _stamps_of(self, rows: Rows, tolerance_s: float) -> _Stamps:
-        """Return the stamps of a message on the common clock, and those far from what the clock showed."""
-        key = rows, tolerance_s
-        if key not in self._stamps:
-            self._stamps[key] = _Stamps(
-                self._clock.common_time(rows.time_s, rows.position),
-                self._clock.is_outlier(rows.time_s, rows.position, tolerance_s),
-            )
-        return self._stamps[key]
 
     def _order(self, key: tuple[Rows, float], time_s: FloatArray) -> _Order:
         """Return the order of a message's rows whose stamps are believed."""
@@ -467,11 +463,6 @@ def _is_possible(values: FloatArray) -> BoolArray:
     if values.size and values.min() > -_IMPOSSIBLE and values.max() < _IMPOSSIBLE:
         return np.broadcast_to(np.True_, values.shape)
     return np.asarray(np.abs(values) < _IMPOSSIBLE, dtype=np.bool_)  # false for NaN
-
-
-def _all(known: BoolArray) -> bool:
-    """Tell whether all values are known, at once where `_is_possible` has found that."""
-    return not any(known.strides) or bool(known.all())
 
 
 def _says_something(known: BoolArray, one_is_enough: bool) -> BoolArray:

@@ -276,7 +276,11 @@ def _gather(
         columns.append(
             {label: np.empty((len(positions), *each.shape), each.base) for label, each in dtypes.items()}
         )
-    groups_of = _groups_of_blocks(groups, content.n_bytes)
+    # There can be thousands of groups: for every block those between whose first and last row it lies.
+    groups_of: list[list[int]] = [[] for _ in range(content.n_bytes // _GATHER_BYTES + 1)]
+    for place, (_, own) in enumerate(groups):
+        for block in range(int(own[0]) // _GATHER_BYTES, int(own[-1]) // _GATHER_BYTES + 1):
+            groups_of[block].append(place)
     for start, part in content.blocks(_GATHER_BYTES, _LONGEST_MESSAGE):
         stop = min(start + _GATHER_BYTES, content.n_bytes)
         for number in groups_of[start // _GATHER_BYTES]:
@@ -295,15 +299,6 @@ def _gather(
         finished = {label: _finish(values, of[label][0]) for label, values in into.items()}
         result.append((definition, {**finished, _POSITION: positions}))
     return result
-
-
-def _groups_of_blocks(groups: list[tuple[MessageDefinition, AnyArray]], n_bytes: int) -> list[list[int]]:
-    """List for every block the groups between whose first and last row it lies: there can be thousands."""
-    groups_of: list[list[int]] = [[] for _ in range(n_bytes // _GATHER_BYTES + 1)]
-    for number, (_, positions) in enumerate(groups):
-        for block in range(int(positions[0]) // _GATHER_BYTES, int(positions[-1]) // _GATHER_BYTES + 1):
-            groups_of[block].append(number)
-    return groups_of
 
 
 def _gather_rows(

@@ -336,7 +336,11 @@ def _find_chain(content: FileParts, headers: Headers, lengths: _Lengths) -> _Cha
         linked[: len(following)] = (end[: len(following)] == following) & (length[: len(following)] > 0)
         local = np.flatnonzero(~linked)
         successor = _find_successors(content, headers, local + start, end[local])
-        successor[(length[local] == 0) | _is_flood(local + start, successor, length[local])] = -1
+        # A block filled with copies of one header otherwise looks like a chain. Real payloads hold ``A3 95``
+        # by chance only: once in 1300 messages of 50 bytes.
+        inside = successor - (local + start) - 1
+        flood: BoolArray = (inside >= _FLOOD_HEADERS) & ((inside + 1) * _FLOOD_SPACING >= length[local])
+        successor[(length[local] == 0) | flood] = -1
         reached = np.concatenate([[behind_chain], linked[:-1]])[local]
         behind_chain = bool(linked[-1])
         linked[local] = successor >= 0
@@ -363,17 +367,6 @@ def _find_successors(content: FileParts, headers: Headers, header: IntArray, end
     ]
     at_end[at_end] = np.array(found, np.bool_)  # a read for each: only where it matters
     return np.where(at_header, successor, np.where(at_end, n_headers, -1))
-
-
-def _is_flood(header: IntArray, successor: IntArray, length: IntArray) -> BoolArray:
-    """Say which messages hold so many headers in their payload that they are no messages.
-
-    A block filled with copies of one header otherwise looks like a chain. Real
-    payloads hold ``A3 95`` by chance only: once in 1300 messages of 50 bytes.
-    """
-    inside = successor - header - 1
-    flood: BoolArray = (inside >= _FLOOD_HEADERS) & ((inside + 1) * _FLOOD_SPACING >= length)
-    return flood
 
 
 def _follow_chain(

@@ -300,8 +300,11 @@ def _senders(
     if heartbeats is not None:
         address = _addresses(heartbeats.system_id, heartbeats.component_id)
         for said, field in ((autopilot, "autopilot"), (mav_type, "type")):
-            who, most = _most_frequent(address, heartbeats.rows[field])
-            said[who] = most
+            pairs, times = np.unique(address * 256 + heartbeats.rows[field], return_counts=True)
+            order = np.lexsort((pairs, -times, pairs // 256))
+            # The most frequent byte that each address sent, the smallest of equally frequent ones.
+            who, first = np.unique(pairs[order] // 256, return_index=True)
+            said[who] = pairs[order][first] % 256
     flies = ~np.isin(autopilot[keys], (-1, _INVALID_AUTOPILOT)) & (mav_type[keys] != _GROUND_STATION)
     by_rank = keys[np.lexsort((-counts[keys], ~flies))]
     eligible = by_rank[by_rank // 256 == system] if system else by_rank
@@ -316,11 +319,3 @@ def _senders(
 def _addresses(system: AnyArray, component: AnyArray) -> IntArray:
     """Return system and component as one number."""
     return np.asarray(system.astype(np.int64) * 256 + component, np.int64)
-
-
-def _most_frequent(address: IntArray, values: AnyArray) -> tuple[IntArray, IntArray]:
-    """Return each address and the most frequent byte that it sent, the smallest of equally frequent ones."""
-    pairs, counts = np.unique(address * 256 + values, return_counts=True)
-    order = np.lexsort((pairs, -counts, pairs // 256))
-    who, first = np.unique(pairs[order] // 256, return_index=True)
-    return who, pairs[order][first] % 256

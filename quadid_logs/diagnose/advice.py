@@ -77,23 +77,34 @@ def next_steps(
     tuple of str
         As the findings say it; it may quote the log.
     """
-    listed = _of_multirotors(list(found))
+    found = list(found)
+    # Nothing else is said of a log of another kind of vehicle.
+    others = {id(log) for log, one in found if one.code == _NO_MULTIROTOR}
+    listed = [(log, one) for log, one in found if one.code == _NO_MULTIROTOR or id(log) not in others]
     grave = [each for level in ("error", "warning") for each in listed if each[1].level == level]
-    to_fly = _to_be_flown(grave, again)
+    needed = [(log, finding.axes or AXES) for log, finding in grave if _step(finding) == "fly"]
+    # Another flight is needed because of how this one was logged; a table is made anew.
+    needed += [
+        (log, AXES)
+        for log, finding in grave
+        if is_to_set(finding) and finding.level == "error" and log.format != TABLE_FORMAT
+    ]
+    to_fly = [*needed, *((log, (axis,)) for log, axis in again)]
     errors = [each for each in grave if each[1].level == "error"]
+    # One manoeuvre for all axes that need one; several only where autopilots differ.
+    wanted: dict[tuple[str, tuple[int, ...] | None], set[str]] = {}
+    for log, axes in to_fly:
+        wanted.setdefault((log.autopilot, log.version), set()).update(axes)
     texts = (
         *_advice_of(grave, "set"),
         *_advice_of(_without_manoeuvre(_of_long_flights(errors), to_fly), "other"),
-        *_manoeuvres(to_fly),
+        *(
+            advice_for(autopilot).excitation([axis for axis in AXES if axis in axes], version)
+            for (autopilot, version), axes in wanted.items()
+        ),
         *_advice_of(_without_manoeuvre(_of_axes_to_be_used(grave), to_fly), "other"),
     )
     return tuple(dict.fromkeys(filter(None, texts)))
-
-
-def _of_multirotors(found: Sequence[tuple[FlightLog, Finding]]) -> list[tuple[FlightLog, Finding]]:
-    """Leave out what else is said of a log of another kind of vehicle."""
-    others = {id(log) for log, one in found if one.code == _NO_MULTIROTOR}
-    return [(log, one) for log, one in found if one.code == _NO_MULTIROTOR or id(log) not in others]
 
 
 def _of_long_flights(errors: Sequence[tuple[FlightLog, Finding]]) -> list[tuple[FlightLog, Finding]]:
@@ -126,26 +137,6 @@ def _named(advice: str, axes: Sequence[str]) -> str:
     return advice.replace("this axis", names).replace("This axis", names.capitalize())
 
 
-def _manoeuvres(to_fly: Sequence[tuple[FlightLog, Sequence[str]]]) -> list[str]:
-    """Return one manoeuvre for all axes that need one; several only where autopilots differ."""
-    wanted: dict[tuple[str, tuple[int, ...] | None], set[str]] = {}
-    for log, axes in to_fly:
-        wanted.setdefault((log.autopilot, log.version), set()).update(axes)
-    return [
-        advice_for(autopilot).excitation([axis for axis in AXES if axis in axes], version)
-        for (autopilot, version), axes in wanted.items()
-    ]
-
-
-def _to_be_flown(
-    found: Sequence[tuple[FlightLog, Finding]], again: Iterable[tuple[FlightLog, str]]
-) -> list[tuple[FlightLog, Sequence[str]]]:
-    """Return the axes that each log's next flight is to move."""
-    needed = [(log, finding.axes or AXES) for log, finding in found if _step(finding) == "fly"]
-    needed += [(log, AXES) for log, finding in found if _hides_excitation(log, finding)]
-    return [*needed, *((log, (axis,)) for log, axis in again)]
-
-
 def _without_manoeuvre(
     found: Sequence[tuple[FlightLog, Finding]], to_fly: Sequence[tuple[FlightLog, Sequence[str]]]
 ) -> list[tuple[FlightLog, Finding]]:
@@ -154,17 +145,14 @@ def _without_manoeuvre(
     return [
         (log, one)
         for log, one in found
-        if not (_in_place_of_a_manoeuvre(one) and one.axes and flown.issuperset(one.axes))
+        if not (
+            one.code in CATALOGUE
+            and CATALOGUE[one.code].step == "fly"
+            and _step(one) == "other"
+            and one.axes
+            and flown.issuperset(one.axes)
+        )
     ]
-
-
-def _in_place_of_a_manoeuvre(finding: Finding) -> bool:
-    return finding.code in CATALOGUE and CATALOGUE[finding.code].step == "fly" and _step(finding) == "other"
-
-
-def _hides_excitation(log: FlightLog, finding: Finding) -> bool:
-    """Return whether another flight is needed because of how this one was logged; a table is made anew."""
-    return is_to_set(finding) and finding.level == "error" and log.format != TABLE_FORMAT
 
 
 def to_a_usable_axis(diagnosis: Diagnosis, axis: str) -> tuple[Finding, ...]:

@@ -49,7 +49,9 @@ def find_in_data(log: FlightLog, data: FlightData, identification: Identificatio
     logged = sorted(data.sources)
     # Without a flight, a pilot must be told of that first.
     if not data.flights:
-        yield _no_flight(data)
+        reason = data.on_ground_reason
+        title = f"No flight in this log: {reason or 'no evidence of one'}"
+        yield finding("QL401", "error", {"reason": reason}, title=title)
     # A log that covers no time would hold them later: how it is logged is not to be blamed.
     covers_time = data.duration_s > 0.0
     if rate is None and covers_time:
@@ -167,12 +169,6 @@ def _attitude(data: FlightData) -> Iterator[Finding]:
         yield finding("QL306", "info", {"source": attitude.source, "rate_hz": round(attitude.rate_hz, 2)})
 
 
-def _no_flight(data: FlightData) -> Finding:
-    reason = data.on_ground_reason
-    title = f"No flight in this log: {reason or 'no evidence of one'}"
-    return finding("QL401", "error", {"reason": reason}, title=title)
-
-
 def _flight(data: FlightData, identification: Identification) -> Iterator[Finding]:
     airborne_s = sum(end - start for start, end in data.flights)
     usable_s = data.n_samples * data.sample_period_s if data.segments else 0.0
@@ -189,7 +185,16 @@ def _flight(data: FlightData, identification: Identification) -> Iterator[Findin
             },
             title="The flight without gaps is too short",
         )
-    elif data.segments and identification.skipped and not _too_slow(data):
+    elif (
+        data.segments
+        and identification.skipped
+        # Where a rate is the reason, that is said by itself.
+        and not any(
+            source.rate_hz < MIN_RATE_HZ
+            for name, source in data.sources.items()
+            if name in ("body_rate", "torque_command", "torque_n_m")
+        )
+    ):
         yield finding("QL402", "error", {"reason": identification.skipped, "gap_free_s": round(usable_s, 2)})
 
 

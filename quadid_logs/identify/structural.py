@@ -252,7 +252,23 @@ def check_structure(
     model = free or model
     design = model.design
     regression = lay_out(design, structure, model.actuator, fit.kept, all_instruments=True)
-    equations = _equations(design, structure, model, regression, axes)
+    lag_s, delay_s = model.actuator.lag_s, model.actuator.delay_s
+    train, clusters = design.train, clusters_of(design)
+    by_time = [design.torque.by_delay(lag_s, delay_s)[train]]
+    if lag_s >= _LEAST_LAG_S:
+        by_time.append(design.torque.by_lag(lag_s, delay_s)[train])
+    equations = {
+        axis: _EquationRows.of(
+            regression,
+            structure.columns.index(TORQUE_SYMBOLS[axis]),
+            axis,
+            np.column_stack([each[:, axis] for each in by_time]),
+            clusters,
+        )
+        for axis in axes
+    }
+    # A torque that never changes has no effectiveness.
+    equations = {axis: each for axis, each in equations.items() if each.gain != 0.0 and each.residual.any()}
     persistence, spread = _variation(design, equations)
     flight_gain, flight_half_width = _by_flight(design, equations)
 
@@ -265,6 +281,9 @@ def check_structure(
 
     found = look(equations)
     stage = first_stage(design)
+    in_common, own = structure.on_axis(regression.solve()), np.zeros(3)
+    for axis, equation in equations.items():
+        own[axis] = np.clip(equation.gain / in_common[axis] - 1.0, -LARGEST_SHIFT, LARGEST_SHIFT)
     check = StructuralCheck(
         effects=tuple(each.check for each in found),
         timing=known.timing if known else None if free is None else _timing(problem, free, fit),
@@ -274,7 +293,7 @@ def check_structure(
         spread=spread,
         feedback=_feedback(design, fit),
         instrumented=design.instruments is not None,
-        own_timing=_own_timing(structure, regression, equations),
+        own_timing=own,
         strength=np.full(3, np.nan) if stage is None else np.asarray(stage.statistic / stage.needed),
     )
     return replace(check, together=_together(check, equations, found, look))
@@ -523,29 +542,6 @@ def _is_part(effect: EffectCheck) -> bool:
     return bool(effect.explained >= least)
 
 
-def _equations(
-    design: Design, structure: Structure, model: ActuatorModel, regression: Regression, axes: Sequence[int]
-) -> dict[int, _EquationRows]:
-    """Lay out the equation of each axis."""
-    lag_s, delay_s = model.actuator.lag_s, model.actuator.delay_s
-    train, clusters = design.train, clusters_of(design)
-    by_time = [design.torque.by_delay(lag_s, delay_s)[train]]
-    if lag_s >= _LEAST_LAG_S:
-        by_time.append(design.torque.by_lag(lag_s, delay_s)[train])
-    equations = {
-        axis: _EquationRows.of(
-            regression,
-            structure.columns.index(TORQUE_SYMBOLS[axis]),
-            axis,
-            np.column_stack([each[:, axis] for each in by_time]),
-            clusters,
-        )
-        for axis in axes
-    }
-    # A torque that never changes has no effectiveness.
-    return {axis: each for axis, each in equations.items() if each.gain != 0.0 and each.residual.any()}
-
-
 def _effects(candidates: Sequence[_Candidate], equations: dict[int, _EquationRows]) -> Iterator[_Found]:
     """Yield the likeliest level or frequency of each kind of effect, axis by axis.
 
@@ -761,16 +757,6 @@ def _resonance(frequency_hz: float) -> tuple[_Response, _Response]:
         return np.asarray(found, dtype=np.complex128)
 
     return deflection, lambda s: s / omega * deflection(s)
-
-
-def _own_timing(
-    structure: Structure, regression: Regression, equations: dict[int, _EquationRows]
-) -> FloatArray:
-    """Return how much larger the on-axis effectiveness is with each axis' own lag and delay; shape (3,)."""
-    in_common, own = structure.on_axis(regression.solve()), np.zeros(3)
-    for axis, equation in equations.items():
-        own[axis] = np.clip(equation.gain / in_common[axis] - 1.0, -LARGEST_SHIFT, LARGEST_SHIFT)
-    return own
 
 
 def _variation(design: Design, equations: dict[int, _EquationRows]) -> tuple[FloatArray, FloatArray]:

@@ -60,7 +60,13 @@ def receive(
     while position < size:
         before = position
         ahead = {start: data for start, data in ahead.items() if start > position}
-        holes = _holes(position, ahead)
+        # The first ranges that are missing before what is there already.
+        holes, end = [], position
+        for begin in sorted(ahead):
+            if begin > end:
+                holes.append((end, begin))
+            end = max(end, begin + len(ahead[begin]))
+        holes = holes[:_MOST_HOLES]
         if holes:
             source.again(holes)
         else:
@@ -89,13 +95,3 @@ def receive(
                 f"The vehicle stopped sending after {position} of {size} bytes.",
                 hint="Run the same command again: it goes on where it stopped.",
             )
-
-
-def _holes(position: int, ahead: dict[int, bytes]) -> list[tuple[int, int]]:
-    """Return the first ranges (begin, end) that are missing before what is there already."""
-    holes, end = [], position
-    for start in sorted(ahead):
-        if start > end:
-            holes.append((end, start))
-        end = max(end, start + len(ahead[start]))
-    return holes[:_MOST_HOLES]

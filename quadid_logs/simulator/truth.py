@@ -38,13 +38,18 @@ def flight_truth(records: tuple[Record, ...], *, scenario: str, boot_s: float) -
     in_manoeuvre = _manoeuvre(records[0])
     rate, command = (records[0].channels[name][in_manoeuvre] for name in ("rate", "command"))
     noise = setup.noise
+    segments, begin = [], boot_s
+    for record in records:
+        own = record.setups[0]
+        segments.append([begin + own.schedule.manoeuvre_s, begin + own.schedule.land_s])
+        begin += record.time_s.size / own.loop_hz
     return {
         "schema_version": "1.0",
         "version": version("quadid-logs"),
         "scenario": scenario,
         "seed": setup.seed,
         "autopilot": setup.autopilot,
-        "segments_s": _segments(records, boot_s),
+        "segments_s": segments,
         "vehicle": vehicle_truth(setup.airframe),
         "effects": setup.effects.named(),
         "actuator": actuator_truth(setup),
@@ -78,16 +83,6 @@ def _manoeuvre(record: Record) -> BoolArray:
     """Control periods between take-off and landing."""
     schedule = record.setups[0].schedule
     return (record.time_s >= schedule.manoeuvre_s) & (record.time_s < schedule.land_s)
-
-
-def _segments(records: tuple[Record, ...], boot_s: float) -> list[list[float]]:
-    """Beginning and end of each manoeuvre on the log's clock [s]."""
-    segments, begin = [], boot_s
-    for record in records:
-        setup = record.setups[0]
-        segments.append([begin + setup.schedule.manoeuvre_s, begin + setup.schedule.land_s])
-        begin += record.time_s.size / setup.loop_hz
-    return segments
 
 
 def vehicle_truth(airframe: SimulatedAirframe) -> dict[str, Any]:
