@@ -26,6 +26,7 @@ from quadid_logs.autopilots.betaflight.law import (
 )
 from quadid_logs.autopilots.betaflight.log import read
 from quadid_logs.autopilots.betaflight.replay import d_parts, replay_inputs
+from quadid_logs.autopilots.betaflight.sticks import sticks_of
 from quadid_logs.autopilots.betaflight.terms import WholeTerms
 from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import grid_hz, margins_of
@@ -314,6 +315,96 @@ def test_vibration_faster_than_the_rows_behind_yaws_low_pass_is_no_other_control
             ),
         ),
     )
+    assert replayed(log)["yaw"].agrees == (gain_off == 1.0)
+
+
+def yaw_log(
+    settings: dict[str, float],
+    *,
+    rate: np.ndarray,
+    set_point: np.ndarray,
+    p: np.ndarray,
+    step_s: float,
+    firmware: str = "Betaflight 4.5.2",
+    source: str = "main",
+) -> FlightLog:
+    """Return a log of yaw with P alone: rates in whole degrees per second, P in whole thousandths."""
+    rows = Rows(step_s * np.arange(rate.size), np.arange(rate.size))
+    values = {
+        "body_rate": np.outer(whole(rate, math.radians(1.0)), [0.0, 0.0, 1.0]),
+        "body_rate_setpoint": np.outer(set_point, [0.0, 0.0, 1.0]),
+        "throttle": np.full((rate.size, 1), 0.3),
+    }
+    return replace(
+        flown(0, 8.0, STAYS),
+        firmware=firmware,
+        parameters=settings,
+        signals={
+            name: (Signal(name=name, source=source, reason="", rows=rows, values=each),)
+            for name, each in values.items()
+        },
+        controller_terms=(ControllerTerms(axis="yaw", rows=rows, values={"P": whole(p, 1e-3)}),),
+    )
+
+
+def calm(seed: int, gain_off: float = 1.0) -> Replay:
+    """Replay five seconds in which yaw hardly moves, and its set-point stands for half a second at a time."""
+    random = np.random.default_rng(seed)
+    step_s, n_rows = 1e-3, 5_000
+    settings = {**YAW, "looptime": 1e6 * step_s, "pid_process_denom": 1.0}
+    rate = signal.lfilter(*signal.butter(2, 3.0, fs=1.0 / step_s), random.normal(size=n_rows))
+    rate = math.radians(3.0) * rate / rate.std()
+    set_point = np.repeat(random.normal(scale=math.radians(3.0), size=n_rows // 500), 500)
+    p = gain_off * rate_gains(settings, "yaw").proportional * (set_point - rate)
+    log = yaw_log(settings, rate=rate, set_point=whole(set_point, math.radians(1.0)), p=p, step_s=step_s)
+    return replayed(log)["yaw"]
+
+
+def test_what_chance_makes_of_rounding_in_a_calm_flight_is_no_other_controller() -> None:
+    """In 200 flights whose controller is right; a set-point that stands is rounded once."""
+    found = [calm(seed) for seed in range(200)]
+    assert sum(one.agrees for one in found) > 100
+    assert sum(not one.agrees and one.reason is not ReplayReason.ROUNDED for one in found) <= 2
+
+
+def test_a_gain_that_is_off_by_half_shows_in_a_calm_flight() -> None:
+    """Where rounding does not hide it."""
+    found = [calm(seed, 1.5) for seed in range(40)]
+    told = [one for one in found if one.reason is not ReplayReason.ROUNDED]
+    assert len(told) > 20
+    assert not any(one.agrees for one in told)
+
+
+@pytest.mark.parametrize("gain_off", [1.0, 1.3])
+def test_a_set_point_of_limited_slope_is_known_to_a_row(gain_off: float) -> None:
+    """The firmware steps loop by loop, from the loop in which the stick moved; a row is eight of them."""
+    random = np.random.default_rng(3)
+    loop_s, every, n_steps, slope = 125e-6, 8, 300, 10_000.0
+    settings = {
+        **YAW, "looptime": 1e6 * loop_s, "pid_process_denom": 1.0, "acc_limit_yaw": 100.0,
+        **{f"{name}[{axis}]": 0.0 for axis in range(3) for name in ("rc_expo", "rates")},
+        **{f"rc_rates[{axis}]": 200.0 for axis in range(3)},
+    }  # fmt: skip
+    # The stick moves every 16 ms, at any loop between two rows.
+    when = 16 * every * np.arange(1, n_steps + 1) + random.integers(0, every, n_steps)
+    n_loops = 16 * every * (n_steps + 2)
+    stick = np.rint(np.clip(np.cumsum(random.normal(scale=60.0, size=n_steps)), -450.0, 450.0))
+    command = np.concatenate([[0.0], stick])[np.searchsorted(when, np.arange(n_loops), side="right")]
+    asked = command * 400.0 / 500.0
+    set_point, now = np.empty(n_loops), 0.0
+    for loop, wanted in enumerate(asked.tolist()):
+        now = min(max(wanted, now - slope * loop_s), now + slope * loop_s)
+        set_point[loop] = math.radians(now)
+    rate = signal.lfilter(*signal.butter(2, 25.0, fs=1.0 / loop_s), set_point)
+    p = gain_off * rate_gains(settings, "yaw").proportional * (set_point - rate)
+    time_s = every * loop_s * np.arange(n_loops // every)
+    sticks = sticks_of(settings, (3, 4))
+    assert sticks is not None
+    of_sticks = sticks.set_points(np.outer(command[::every], [0.0, 0.0, 1.0]), time_s)[:, 2]
+    log = yaw_log(
+        settings, rate=rate[::every], set_point=np.radians(of_sticks), p=p[::every], step_s=every * loop_s,
+        firmware="Betaflight 3.4.0", source="main.rcCommand",
+    )  # fmt: skip
     assert replayed(log)["yaw"].agrees == (gain_off == 1.0)
 
 
