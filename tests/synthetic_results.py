@@ -207,7 +207,7 @@ def synthetic_health(sentence: str = "All is well.") -> Health:
 
 def refused_result(path: str = "bench.bin") -> Result:
     """Return a log that never flew: no segment, no model, several findings."""
-    usable = usable_result(4.0, path)
+    usable = usable_result(8.0, path)
     findings = (
         Finding(
             code="QL001",
@@ -246,7 +246,7 @@ def refused_result(path: str = "bench.bin") -> Result:
 
 def hostile_result(path: str = "hostile.bin") -> Result:
     """Return a result in which every text that a log can set is an attack."""
-    usable = replace(usable_result(6.0, path), health=synthetic_health(HOSTILE))
+    usable = replace(usable_result(8.0, path), health=synthetic_health(HOSTILE))
     source = next(iter(usable.data.sources.values()))
     bad_source = replace(source, source=HOSTILE, reason=HOSTILE, others=((HOSTILE, 10.0),))
     log = replace(

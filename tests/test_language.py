@@ -52,6 +52,8 @@ PATTERNS = {
     term: re.compile(rf"(?<![a-z])(?:{pattern.replace('[ _]', ' ')})(?![a-z])")
     for pattern, term in REPLACED.items()
 }
+#: Most files hold none of them, which one search tells.
+ANY = re.compile(rf"(?<![a-z])(?:{'|'.join(REPLACED).replace('[ _]', ' ')})(?![a-z])")
 
 
 def _words(text: str) -> str:
@@ -62,6 +64,8 @@ def _words(text: str) -> str:
 def private_words(path: Path) -> list[str]:
     """Return each line with the term to use instead."""
     text = _words(path.read_text()).lower()
+    if not ANY.search(text):
+        return []
     return [
         f"{path.relative_to(ROOT)}:{text.count(chr(10), 0, match.start()) + 1}: {match.group()!r} -> {term}"
         for term, pattern in PATTERNS.items()

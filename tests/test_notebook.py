@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -36,12 +37,18 @@ def test_a_hostile_log_stays_text_in_a_notebook() -> None:
     assert "&lt;script&gt;" in page
 
 
-def test_figures_are_ordinary_matplotlib_figures(usable: Result, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def drawn(usable: Result) -> dict[str, Any]:
+    """Return matplotlib's figures of the flight."""
+    return quadid_logs.matplotlib_figures(usable)
+
+
+def test_figures_are_ordinary_matplotlib_figures(drawn: dict[str, Any], tmp_path: Path) -> None:
     """They can be changed and saved; pyplot holds none of them."""
     import matplotlib.pyplot as plt
     from matplotlib.figure import Figure
 
-    figures = quadid_logs.matplotlib_figures(usable)
+    figures = drawn
     assert all(isinstance(figure, Figure) for figure in figures.values())
     figures["lag"].savefig(tmp_path / "lag.png")
     assert (tmp_path / "lag.png").stat().st_size > 10_000
@@ -49,12 +56,12 @@ def test_figures_are_ordinary_matplotlib_figures(usable: Result, tmp_path: Path)
     assert quadid_logs.matplotlib_figures(refused_result()) == {}
 
 
-def test_figures_are_ordinary_plotly_figures(usable: Result) -> None:
+def test_figures_are_ordinary_plotly_figures(usable: Result, drawn: dict[str, Any]) -> None:
     """With colours in the place of roles, and as many traces as the report draws."""
     import plotly.graph_objects as go
 
     figures = quadid_logs.plotly_figures(usable)
-    assert figures.keys() == quadid_logs.matplotlib_figures(usable).keys()
+    assert figures.keys() == drawn.keys()
     for figure in figures.values():
         assert isinstance(figure, go.Figure)
         assert len(figure.data) > 0

@@ -491,7 +491,8 @@ def test_uncertainty_lowers_no_gains(apart: bool) -> None:
     random[0] = 1.0
     plants = loop.plants._replace(effectiveness=loop.plants.effectiveness * random, modes=None)
     loose = replace(result.closed_loop, axes={"roll": replace(loop, plants=plants)})
-    found = recommend(replace(result, closed_loop=loose), GOOD, ["roll"], apart=apart).axes["roll"]
+    flown_so = replace(result, closed_loop=loose)
+    found = recommend(flown_so, GOOD, ["roll"], apart=apart, ranges=AS_FLOWN).axes["roll"]
     assert found.direction in {"keep", "refuse"}
     assert {"QL646", "QL618"} & set(codes_of(found))
 
@@ -506,7 +507,8 @@ def test_gains_that_only_uncertainty_keeps_are_not_called_right() -> None:
     random[0] = 1.0
     plants = loop.plants._replace(effectiveness=loop.plants.effectiveness * random, modes=None)
     loose = replace(result.closed_loop, axes={"roll": replace(loop, plants=plants)})
-    found = recommend(replace(result, closed_loop=loose), GOOD, ["roll"]).axes["roll"]
+    flown_so = replace(result, closed_loop=loose)
+    found = recommend(flown_so, GOOD, ["roll"], ranges=AS_FLOWN).axes["roll"]
     assert found.verdict == "keep"
     assert found.reasons[0].code == "QL647"
     known = recommend(result, GOOD, ["roll"], ranges=AS_FLOWN).axes["roll"]
@@ -540,7 +542,7 @@ def test_no_gains_of_a_grid_that_keep_the_limits_reject_gusts_better_by_a_tenth(
 
 def test_an_integral_gain_keeps_what_trims_the_vehicle() -> None:
     """No spectrum of gusts shows a load off centre: without it, a quarter of I would reject gusts as well."""
-    found = recommend(flown("px4"), GOOD, ["roll"]).axes["roll"]
+    found = recommend(flown("px4"), GOOD, ["roll"], ranges=AS_FLOWN).axes["roll"]
     factor = {name: one.target / one.now for name, one in found.gains.items()}
     assert found.reasons[0].code == "QL641"
     assert factor["MC_ROLLRATE_P"] > 1.0

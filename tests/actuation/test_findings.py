@@ -42,7 +42,7 @@ def found_for(
     inertia: Inertia | None, model: TorqueModel, *, achieved: bool = True
 ) -> dict[str, dict[str, object]]:
     """Return the findings for a result with this inertia and torque model, evidence by code."""
-    result = usable_result(20.0)
+    result = usable_result(8.0)
     log = replace(result.log, torque=model)
     given = InputDescription(
         kind="torque_command", unit="1", source="RATE", achieved=achieved, calibration=CALIBRATED
@@ -61,7 +61,7 @@ def tensor(*moments: float) -> Inertia:
 
 def quad(**changes: object) -> TorqueModel:
     """Return the torque model of the synthetic result, changed."""
-    model = usable_result(20.0).log.torque
+    model = usable_result(8.0).log.torque
     assert model is not None
     return replace(model, calibration=CALIBRATED, **changes)  # type: ignore[arg-type]
 
@@ -99,7 +99,7 @@ def test_an_unknown_airframe_says_what_to_pass() -> None:
     """The finding carries the need, and info prints it."""
     unknown = TorqueModel(remarks=("nothing tells",), needs=("[[rotor]] tables",))
     assert found_for(None, unknown)["QL309"]["pass"] == ("[[rotor]] tables",)
-    log = replace(usable_result(20.0).log, torque=unknown)
+    log = replace(usable_result(8.0).log, torque=unknown)
     assert "[[rotor]] tables" in dict(airframe_facts(log))["Airframe"]
 
 
@@ -115,7 +115,7 @@ def estimate_of(B: np.ndarray) -> Estimate:
 
 def test_the_calibration_widens_the_interval_of_the_inertia() -> None:
     """1.96 sigma of 2 % and 1 % of the fit add as roots of squares."""
-    parameters = usable_result(20.0).identification.models[0].parameters
+    parameters = usable_result(8.0).identification.models[0].parameters
     trusted = [replace(each, identifiable=True) for each in parameters]
     given = InputDescription(kind="torque_command", unit="1", source="", calibration=CALIBRATED)
     found = inertia_of(estimate_of(np.diag([200.0, 180.0, 10.0])), trusted, given)
@@ -127,7 +127,7 @@ def test_the_calibration_widens_the_interval_of_the_inertia() -> None:
 
 def test_an_axis_that_nobody_calibrated_stays_empty() -> None:
     """NaN in its row and column, the others as if it did not exist."""
-    parameters = usable_result(20.0).identification.models[0].parameters
+    parameters = usable_result(8.0).identification.models[0].parameters
     trusted = [replace(each, identifiable=True) for each in parameters]
     partly = replace(CALIBRATED, n_m_per_command=(4.0, 4.0, float("nan")))
     given = InputDescription(kind="torque_command", unit="1", source="", calibration=partly)
@@ -142,7 +142,7 @@ def test_coaxial_rotors_share_a_place_in_the_drawing() -> None:
     """An octa-quad shows four places with two numbers each, and a line per rotor."""
     frame = frame_geometry(4, 1)
     model = TorqueModel(frame=frame.name, position=frame.position, spin=frame.spin)
-    result = usable_result(20.0)
+    result = usable_result(8.0)
     figure = airframe_from_above(replace(result, log=replace(result.log, torque=model)))
     assert isinstance(figure, Figure)
     assert sorted(label.text for label in figure.panels[0].labels) == ["1 / 6", "2 / 5", "3 / 8", "4 / 7"]
@@ -151,7 +151,7 @@ def test_coaxial_rotors_share_a_place_in_the_drawing() -> None:
 
 def test_an_unknown_airframe_is_not_drawn() -> None:
     """The figure is left out with the reason."""
-    result = usable_result(20.0)
+    result = usable_result(8.0)
     figure = airframe_from_above(replace(result, log=replace(result.log, torque=TorqueModel())))
     assert isinstance(figure, LeftOut)
 

@@ -52,7 +52,7 @@ class FakePipeline:
 
 
 def _SHORT(path: str) -> Result:
-    return usable_result(4.0, path)
+    return usable_result(8.0, path)
 
 
 @pytest.fixture
@@ -530,7 +530,7 @@ def test_a_verdict_of_caution_is_still_exit_code_0(
     pipeline: FakePipeline, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Only a refused axis makes 1."""
-    result = usable_result(4.0)
+    result = usable_result(8.0)
     worst = replace(
         result.diagnosis, axes=dict.fromkeys(("roll", "pitch", "yaw"), result.diagnosis.axes["yaw"])
     )

@@ -50,7 +50,7 @@ def test_two_effects_that_move_little_are_notes() -> None:
 @pytest.mark.parametrize("known", [True, False])
 def test_a_log_of_motors_whose_rotors_are_known_is_not_asked_for_them(*, known: bool) -> None:
     """ "Log the motor outputs, and describe the rotors, where either is missing": neither was."""
-    result = usable_result(4.0)
+    result = usable_result(8.0)
     fits = tuple(replace(FIT, effects=("asymmetry", "threshold"), shift=0.2) for _ in range(3))
     thrust = np.ones((result.data.segments[0].n_samples, 4)) if known else None
     segments = tuple(replace(one, rotor_thrust=thrust) for one in result.data.segments)

@@ -130,7 +130,7 @@ def test_an_axis_that_another_log_lets_fly_gets_the_manoeuvre_alone() -> None:
 
 
 def _with_findings(*findings: Finding) -> Result:
-    result = usable_result(4.0)
+    result = usable_result(8.0)
     return replace(result, diagnosis=Diagnosis(findings=findings, axes=result.diagnosis.axes))
 
 

@@ -19,7 +19,7 @@ TOPICS = {"tracking", "noise", "filters", "vibration", "motors", "battery", "osc
 
 def test_the_json_has_every_topic_of_the_contract() -> None:
     """With a sentence, a level and findings; figures with value, interval, unit and what is normal."""
-    health = result_dict(usable_result(6.0))["health"]
+    health = result_dict(usable_result(8.0))["health"]
     assert set(health) >= TOPICS
     for name in TOPICS - {"filters", "rotors"}:
         assert {"sentence", "level", "findings"} <= set(health[name])
@@ -30,7 +30,7 @@ def test_the_json_has_every_topic_of_the_contract() -> None:
 
 def test_every_chart_of_the_chapter_is_captioned_by_its_judgement() -> None:
     """In the order of the page; the spectrogram belongs to the spectrum's sentence."""
-    result = replace(usable_result(6.0), health=synthetic_health("This is the judgement."))
+    result = replace(usable_result(8.0), health=synthetic_health("This is the judgement."))
     figures = {figure.key: figure for figure in figures_of(result).shown}
     assert tuple(key for key in figures if key in CHAPTERS["shows"]) == CHAPTERS["shows"]
     for key in set(CHAPTERS["shows"]) - {"spectrogram"}:
