@@ -36,7 +36,7 @@ from quadid_logs.simulator.airframes import SimulatedAirframe, hexa_x, octa_coax
 from quadid_logs.simulator.closed_loop import Setup
 from quadid_logs.simulator.effects import disturbance_density
 from quadid_logs.simulator.logger import log_flights
-from quadid_logs.simulator.manoeuvres import Reference, doublets
+from quadid_logs.simulator.manoeuvres import Reference, doublets, hover
 from quadid_logs.simulator.sweep import Sweep, sweeps_in_turn
 from quadid_logs.simulator.true_loop import nominal_plant, true_controller
 from quadid_logs.vocabulary import AXES, ON_AXIS
@@ -253,6 +253,7 @@ def make_plan(
     scenario = Scenario(
         name="plan",
         sentence="A vehicle of this size.",
+        manoeuvre=hover,
         airframe=partial(_airframe, 0 if vehicle is None else len(vehicle.rotors), propeller_inch),
         gyro_filter_hz=_gyro_filter_hz(propeller_inch),
     )

@@ -179,7 +179,8 @@ def _match(
     reference: MotorSeries,
 ) -> _Match:
     """Find the age of telemetry and the lag with which targets, made of the reference's thrust, fit best."""
-    best = _Match(0.0, 0.0, -1.0)
+    best, told = _Match(0.0, 0.0, -1.0), _Deviations.of(measured)
+    targets = [target(column) for column in reference.thrust.T]
     for lags_s, ages_s in ((_LAGS_S, _AGES_S), ((0.0,), _FINER_S), (_FINER_S, _FINER_S)):
         tried_s = sorted({max(best.lag_s + lag_s, 0.0) for lag_s in lags_s})
         around_s = sorted({max(best.age_s + age_s, 0.0) for age_s in ages_s})
@@ -187,14 +188,11 @@ def _match(
         for lag_s in tried_s:
             # One rotor after the other: each is as long as the log, and few of its rows are looked at.
             lagged = np.stack(
-                [
-                    _lagged(target(column), reference.base.period_s, lag_s)[rows]
-                    for column in reference.thrust.T
-                ],
+                [_lagged(column, reference.base.period_s, lag_s)[rows] for column in targets],
                 axis=-1,
             )
             found = (
-                _Match(age_s, lag_s, _correlation(measured, of_age))
+                _Match(age_s, lag_s, told.correlation(of_age))
                 for age_s, of_age in zip(around_s, lagged, strict=True)
             )
             best = max((best, *found), key=lambda one: one.likeness)
@@ -217,21 +215,46 @@ def _is_computed(speed: FloatArray, time_s: FloatArray, reference: MotorSeries, 
     A rotor's speed lags; the root of a thrust that lags by itself is some simulator's.
     """
     rows = [_row(time_s - age_s, reference) for age_s in (*_AGES_S, *_FINER_S[-3:])]
+    told, of_squares = _Deviations.of(speed), _Deviations.of(speed**2)
     at_once = any(
-        _correlation(speed, reference.actuator[row]) > _COMPUTED
-        or _correlation(speed**2, reference.thrust[row]) > _COMPUTED
+        told.correlation(reference.actuator[row]) > _COMPUTED
+        or of_squares.correlation(reference.thrust[row]) > _COMPUTED
         for row in rows
     )
     lagging = _match(speed**2, np.nan_to_num, time_s, reference).likeness
     return at_once or lagging > max(_COMPUTED, likeness)
 
 
-def _correlation(one: FloatArray, other: FloatArray) -> float:
-    """Return the correlation of two arrays of one shape, 0 where one does not vary."""
-    both = np.isfinite(one) & np.isfinite(other)
-    n_rows = np.maximum(both.sum(axis=0), 1)
-    means = (np.where(both, values, 0.0).sum(axis=0) / n_rows for values in (one, other))
-    a, b = ((values - mean)[both] for values, mean in zip((one, other), means, strict=True))
-    # Sums, not products of vectors: BLAS would start threads for each of many short ones.
-    size = float(np.sqrt(np.sum(a * a) * np.sum(b * b)))
-    return float(np.sum(a * b)) / size if size > 0.0 else 0.0
+class _Deviations(NamedTuple):
+    """Values (n_rows, n_rotors) that are compared with many others, and how far each is from its mean."""
+
+    values: FloatArray
+    finite: BoolArray
+    known: FloatArray
+    """Deviations of the values that are finite, one after the other, from the mean of their rotor."""
+    squares: float
+
+    @classmethod
+    def of(cls, values: FloatArray, among: BoolArray | None = None) -> _Deviations:
+        """Look at all values that are finite, or at some of them."""
+        finite = np.isfinite(values) if among is None else among
+        known = _from_mean(values, finite)
+        # Sums, not products of vectors: BLAS would start threads for each of many short ones.
+        return cls(values, finite, known, float(np.sum(known * known)))
+
+    def correlation(self, other: FloatArray) -> float:
+        """Return the correlation with an array of the same shape, 0 where one does not vary."""
+        both = self.finite & np.isfinite(other)
+        if not np.array_equal(both, self.finite):
+            return _Deviations.of(self.values, both).correlation(np.where(both, other, np.nan))
+        deviations = _from_mean(other, both)
+        size = float(np.sqrt(self.squares * np.sum(deviations * deviations)))
+        return float(np.sum(self.known * deviations)) / size if size > 0.0 else 0.0
+
+
+def _from_mean(values: FloatArray, among: BoolArray) -> FloatArray:
+    """Return how far some values are from the mean of these in their column, one after the other."""
+    if among.all():
+        return np.asarray((values - values.sum(axis=0) / max(len(values), 1)).ravel())
+    mean = np.where(among, values, 0.0).sum(axis=0) / np.maximum(among.sum(axis=0), 1)
+    return np.asarray((values - mean)[among])

@@ -25,6 +25,7 @@ from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.even_draws import Drawn, even_uniform
 from quadid_logs.maths.instrument_response import INDEPENDENT, tapered_spectra
+from quadid_logs.maths.median import median
 from quadid_logs.maths.normal import ENDS_95
 from quadid_logs.maths.spectra import WINDOW_S
 
@@ -394,7 +395,7 @@ def _surroundings(frequency_hz: FloatArray, power: FloatArray, n_independent: Fl
         near = slice(a[place], b[place])
         if near.stop - near.start >= _FEWEST_LINES:
             slope = halves.slope(first[place], last[place])
-            found[place] = _median(log_power[near] - slope * (log_hz[near] - at[place]))
+            found[place] = median(log_power[near] - slope * (log_hz[near] - at[place]))
     return np.asarray(np.exp(found), dtype=np.float64)
 
 
@@ -423,16 +424,7 @@ class _Halves:
         n = last - first
         x, y, square = ((each[last] - each[first]) / n for each in self._sums)
         # A median's variance is pi / 2 times that of a mean.
-        return x, _median(self._y[first:last]), 0.5 * np.pi * max(square - y**2, 0.0) / n
-
-
-def _median(values: FloatArray) -> float:
-    """Return the median: `numpy.median` takes ten times as long, and thousands are needed."""
-    n, middle = values.size, values.size // 2
-    ordered = values.copy()
-    ordered.partition(middle)
-    high = float(ordered[middle])
-    return high if n % 2 else 0.5 * (high + float(ordered[:middle].max()))
+        return x, median(self._y[first:last]), 0.5 * np.pi * max(square - y**2, 0.0) / n
 
 
 def _log_likelihood(

@@ -11,6 +11,7 @@ import numpy as np
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import Line
 from quadid_logs.health.records import Record
+from quadid_logs.maths.median import median
 from quadid_logs.maths.spectra import WINDOW_S
 
 #: Fewer windows than these have no mean of which anything is known.
@@ -214,11 +215,14 @@ def _around(values: FloatArray) -> FloatArray:
     centres = [*range(1, narrow + 1)]
     while centres[-1] < n - 1:
         centres.append(max(centres[-1] + 1, int(1.04 * centres[-1])))
+    # What is not known at some bin is known nowhere near it.
+    middle = np.median if np.isnan(values).any() else median
     medians = []
     for centre in centres:
         half = max(int(_AROUND * centre), _AROUND_BINS)
         below, above = values[max(1, centre - half) : max(1, centre - _LOBE)], values[centre + _LOBE + 1 :]
-        medians.append(np.median(np.concatenate([below, above[: half - _LOBE]])) if n > 4 else np.nan)
+        near = np.concatenate([below, above[: half - _LOBE]])
+        medians.append(middle(near) if near.size and n > 4 else np.nan)
     known = np.maximum(np.asarray(medians), np.finfo(np.float64).tiny)
     inside = np.arange(n)
     return np.asarray(
