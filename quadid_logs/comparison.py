@@ -189,16 +189,28 @@ def compare(before: Result, after: Result) -> Comparison:
         means = [result.data.mean_throttle for result in (before, after)]
         change = means[1] / means[0] - 1.0 if min(means) > 0.0 else 0.0
         powers = throttle_powers(both)
-        found = [*(_at_throttle(each, change, powers) for each in parameters), *_actuators(first, second)]
-    widening = _widening(len(found))
-    quantities = tuple(_with_margin(quantity, widening) for quantity in found)
+        for each in parameters:
+            # What the throttle alone may make of a value: two flights cannot hold the two apart.
+            power = powers[each.axis] if each.is_on_axis else 0.0
+            if power:
+                spread = float(by_throttle(each.before, 1.0 + change, power))
+                found.append(dataclasses.replace(each, throttle_change=change, throttle_spread=spread))
+            else:
+                found.append(each)
+        found += _actuators(first, second)
+    widening, quantities = _widening(len(found)), []
+    for quantity in found:
+        # The least difference that counts.
+        halves = [0.5 * (high - low) for low, high in (quantity.ci95_before, quantity.ci95_after)]
+        chance = math.hypot(widening * math.hypot(*halves), quantity.spread)
+        quantities.append(dataclasses.replace(quantity, margin=chance + quantity.throttle_spread))
     axes: dict[str, AxisChange] = {}
     for axis in AXES:
         changed = any(quantity.changed for quantity in quantities if quantity.axis == axis)
         axes[axis] = "not comparable" if axis in reasons else "changed" if changed else "same"
     return Comparison(
         structure=first.structure if first is not None and found else "",
-        quantities=quantities,
+        quantities=tuple(quantities),
         axes=axes,
         reasons=reasons,
         advice=next_steps(
@@ -289,12 +301,6 @@ def _models(before: Result, after: Result) -> tuple[Model | None, Model | None]:
     return None, None
 
 
-def _larger_gain(model: Model, gain: Parameter, torque: str) -> Parameter:
-    """Return what a coupling is a fraction of: the larger on-axis gain of the two axes that it couples."""
-    other = model.entries.get(ON_AXIS[AXES[TORQUE_SYMBOLS.index(torque)]])
-    return gain if other is None or abs(gain.value) >= abs(other.value) else other
-
-
 def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iterator[Quantity]:
     """Yield gains and damping that both models know, of axes without an obstacle."""
     before, after = first.entries, second.entries
@@ -307,7 +313,11 @@ def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iter
             one, two = before.get((target, regressor)), after.get((target, regressor))
             if one is None or two is None or not (_known(one) and _known(two)):
                 continue
-            scale = one if regressor == rate else _larger_gain(first, gain, regressor)
+            scale = one
+            if regressor != rate:
+                # What a coupling is a fraction of: the larger on-axis gain of the two axes that it couples
+                other = first.entries.get(ON_AXIS[AXES[TORQUE_SYMBOLS.index(regressor)]])
+                scale = gain if other is None or abs(gain.value) >= abs(other.value) else other
             spread = DAMPING_SPREAD if regressor == rate else 0.0 if one is gain else COUPLING_SPREAD
             yield Quantity(
                 name=one.name,
@@ -342,15 +352,6 @@ def throttle_powers(results: Sequence[Result]) -> Mapping[str, float]:
     is_curved = any(expo is not None and expo.held is HeldScale.COMMAND for expo in expos)
     thrust = _THRUST_POWER if is_curved else 0.0
     return {"roll": thrust, "pitch": thrust, "yaw": _YAW_POWER}
-
-
-def _at_throttle(quantity: Quantity, change: float, powers: Mapping[str, float]) -> Quantity:
-    """Give a value what the throttle alone may make of it: two flights cannot hold the two apart."""
-    power = powers[quantity.axis] if quantity.is_on_axis else 0.0
-    if not power:
-        return quantity
-    spread = float(by_throttle(quantity.before, 1.0 + change, power))
-    return dataclasses.replace(quantity, throttle_change=change, throttle_spread=spread)
 
 
 def yaw_by_throttle(effectiveness: FloatArray | float, ratio: FloatArray | float) -> FloatArray:
@@ -431,11 +432,3 @@ def _widening(n_quantities: int) -> float:
     if not n_quantities:
         return 1.0
     return float(ndtri(1.0 - 0.5 * _FALSE_ALARMS / n_quantities) / ndtri(1.0 - 0.5 * _FALSE_ALARMS))
-
-
-def _with_margin(quantity: Quantity, widening: float) -> Quantity:
-    """Set the least difference that counts."""
-    halves = [0.5 * (high - low) for low, high in (quantity.ci95_before, quantity.ci95_after)]
-    chance = math.hypot(widening * math.hypot(*halves), quantity.spread)
-    # Added, not by squares: the throttle shifts the value one way, as a bias.
-    return dataclasses.replace(quantity, margin=chance + quantity.throttle_spread)

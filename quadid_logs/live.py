@@ -283,7 +283,10 @@ class LiveEstimate:
         if math.isnan(self._taken_s):
             return
         try:
-            prepared = _prepared(self._tail.content())
+            with tempfile.TemporaryDirectory(prefix="quadid-live-") as folder:
+                path = Path(folder, "tail")
+                path.write_bytes(self._tail.content())
+                prepared = prepare(read_log(path))
             data = cut(prepared, AlignSettings(sample_rate_hz=self._rate_hz))
         except QuadidError as error:
             self._missing = printable(error.args[0], 200).rstrip(".")
@@ -302,10 +305,6 @@ class LiveEstimate:
             self._flown_s += data.sample_period_s * float(np.count_nonzero(new))
             self._saturated_s += data.sample_period_s * float(np.count_nonzero(segment.saturated & new))
             self._counted_s = max(self._counted_s, segment.end_s)
-        self._add_blocks(data, data.input.source)
-
-    def _add_blocks(self, data: FlightData, source: str) -> None:
-        """Add the blocks that begin where the last one's second half did, or later."""
         if data.segments[-1].end_s < self._begin_s - _TAIL_S:
             self._begin_s = -math.inf
         half_s = 0.5 * data.sample_period_s
@@ -320,16 +319,10 @@ class LiveEstimate:
         spectra = flight_spectra(replace(data, segments=tuple(parts))) if parts else None
         if spectra is None:
             return
-        self._by_source.setdefault(source, _Blocks(spectra.frequency_hz, spectra.period_s)).add(spectra)
+        self._by_source.setdefault(data.input.source, _Blocks(spectra.frequency_hz, spectra.period_s)).add(
+            spectra
+        )
         self._begin_s = float(spectra.start_s[-1]) + _HOP_S
-
-
-def _prepared(content: bytes) -> Prepared:
-    """Read a log that is in memory."""
-    with tempfile.TemporaryDirectory(prefix="quadid-live-") as folder:
-        path = Path(folder, "tail")
-        path.write_bytes(content)
-        return prepare(read_log(path))
 
 
 def _missing(data: FlightData) -> str:

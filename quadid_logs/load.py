@@ -11,7 +11,7 @@ import numpy as np
 
 from quadid_logs.actuation import Torques, reconstruct
 from quadid_logs.align import Prepared, assemble, clean, cut
-from quadid_logs.autopilots import LogFormat, format_of, formats, named
+from quadid_logs.autopilots import format_of, formats, named
 from quadid_logs.containers.foreign import explain_foreign
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.settings import Settings
@@ -142,7 +142,27 @@ def read_log(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog
         )
     log_format = format_of(head)
     if log_format is not None:
-        return _read_with(log_format, path, system, number)
+        if number > 1 and log_format.read_numbered is None:
+            raise SettingsError(
+                f"There is no log {number} in {path}.", hint="A file of this format holds one log."
+            )
+        # What damage can make of the bytes becomes one clear error.
+        try:
+            # Damaged numbers may be signalling NaN or near overflow: they pass on as NaN or infinity,
+            # silently.
+            with np.errstate(invalid="ignore", over="ignore"):
+                if log_format.read_numbered is not None:
+                    return log_format.read_numbered(path, system=system, number=number)
+                return log_format.read(path, system=system)
+        except OSError as error:
+            raise LogNotFoundError(
+                f"{path} cannot be read: {error}.", hint="Check the disk and try again."
+            ) from error
+        except (struct.error, UnicodeError, IndexError, KeyError, OverflowError) as error:
+            raise UnknownFormatError(
+                f"{path} is damaged in a way that stops the reader ({type(error).__name__}: {error}).",
+                hint="Please report it with the log.",
+            ) from error
     # Name the formats and how their files mostly end.
     known_formats = ", ".join(f"{one.title} ({', '.join(one.suffixes)})" for one in formats())
     raise UnknownFormatError(
@@ -164,27 +184,4 @@ def _read_head(path: Path) -> bytes:
         # ValueError: a path with a null character.
         raise LogNotFoundError(
             f"{path} cannot be read: {error}.", hint="Check path and permissions."
-        ) from error
-
-
-def _read_with(log_format: LogFormat, path: str | Path, system: int, number: int) -> FlightLog:
-    """Read, and turn what damage can make of the bytes into one clear error."""
-    if number > 1 and log_format.read_numbered is None:
-        raise SettingsError(
-            f"There is no log {number} in {path}.", hint="A file of this format holds one log."
-        )
-    try:
-        # Damaged numbers may be signalling NaN or near overflow: they pass on as NaN or infinity, silently.
-        with np.errstate(invalid="ignore", over="ignore"):
-            if log_format.read_numbered is not None:
-                return log_format.read_numbered(path, system=system, number=number)
-            return log_format.read(path, system=system)
-    except OSError as error:
-        raise LogNotFoundError(
-            f"{path} cannot be read: {error}.", hint="Check the disk and try again."
-        ) from error
-    except (struct.error, UnicodeError, IndexError, KeyError, OverflowError) as error:
-        raise UnknownFormatError(
-            f"{path} is damaged in a way that stops the reader ({type(error).__name__}: {error}).",
-            hint="Please report it with the log.",
         ) from error

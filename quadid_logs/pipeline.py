@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from quadid_logs.align import Prepared, check_part, cut
+from quadid_logs.align import check_part, cut
 from quadid_logs.align.pool import copies, pool
 from quadid_logs.align.repeats import with_common_commands
 from quadid_logs.autopilots import named
@@ -24,7 +24,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
 from quadid_logs.data.outer_loops import OuterLoops
 from quadid_logs.data.result import PooledLog, Result
-from quadid_logs.data.settings import AlignSettings, Settings
+from quadid_logs.data.settings import Settings
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.diagnose import diagnose, with_findings
 from quadid_logs.health import health_of
@@ -125,7 +125,14 @@ def _analyze(
     tell("align")
     prepared = [prepare(log, vehicle) for log in logs]
     check_part(prepared, settings.align)
-    flights = _cut_alike(prepared, settings.align)
+    flights = [cut(each, settings.align) for each in prepared]
+    # Where their rates differ, all at the slowest of them.
+    slowest_s = max((each.sample_period_s for each in flights if each.segments), default=float("nan"))
+    slowest = replace(settings.align, sample_rate_hz=1.0 / slowest_s) if slowest_s > 0.0 else settings.align
+    flights = [
+        cut(log, slowest) if each.segments and each.sample_period_s != slowest_s else each
+        for log, each in zip(prepared, flights, strict=True)
+    ]
     same = copies(flights)
     flights = [replace(each, segments=()) if place in same else each for place, each in enumerate(flights)]
     flights = with_common_commands(flights)
@@ -275,17 +282,6 @@ def _outer_loops(log: FlightLog, data: FlightData, closed: ClosedLoop) -> OuterL
         log.position_control,
         flights,
     )
-
-
-def _cut_alike(prepared: Sequence[Prepared], settings: AlignSettings) -> list[FlightData]:
-    """Resample every log; where their rates differ, all at the slowest of them."""
-    flights = [cut(each, settings) for each in prepared]
-    slowest_s = max((each.sample_period_s for each in flights if each.segments), default=float("nan"))
-    same = replace(settings, sample_rate_hz=1.0 / slowest_s) if slowest_s > 0.0 else settings
-    return [
-        cut(log, same) if each.segments and each.sample_period_s != slowest_s else each
-        for log, each in zip(prepared, flights, strict=True)
-    ]
 
 
 class _Clock:

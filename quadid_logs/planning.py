@@ -320,7 +320,12 @@ def _excitations(
         plant, controller, own_air = flown or _Known(
             nominal_plant(setup, number), true_controller(setup, number), None
         )
-        around = own_air if own_air is not None and not air else _air(air or "breeze", axis)
+        around = own_air
+        if around is None or air:
+            # As flown logs show its spectrum.
+            frequency_hz = np.geomspace(0.05, 200.0, 300)
+            size = AIRS[air or "breeze"] * (_YAW_IN_AIR if axis == "yaw" else 1.0)
+            around = Air(frequency_hz, size**2 * disturbance_density(frequency_hz))
         fitting = design(
             controller,
             plant,
@@ -367,13 +372,6 @@ def _air_of(known: Result, number: int) -> Air | None:
     if not inside.any():
         return None
     return Air(spectrum.frequency_hz[inside], (spectrum.density / passed)[inside], model.smoothing_hz)
-
-
-def _air(name: str, axis: str) -> Air:
-    """Return air of that name, as flown logs show its spectrum."""
-    frequency_hz = np.geomspace(0.05, 200.0, 300)
-    size = AIRS[name] * (_YAW_IN_AIR if axis == "yaw" else 1.0)
-    return Air(frequency_hz, size**2 * disturbance_density(frequency_hz))
 
 
 def _gyro_filter_hz(propeller_inch: float) -> float:

@@ -34,7 +34,7 @@ from quadid_logs.data.promise import (
     WeakRotor,
 )
 from quadid_logs.data.result import Result
-from quadid_logs.data.tuning import GOOD, AxisTuning, Tuning
+from quadid_logs.data.tuning import GOOD, Tuning
 from quadid_logs.health.rotors import weakened
 from quadid_logs.maths.multiple_tests import holm
 from quadid_logs.maths.normal import NORMAL_95
@@ -80,7 +80,19 @@ def promise_of(result: Result, tuning: Tuning, log_sha256: str = "") -> Promise 
     Promise or None
         None where nothing is promised of any axis.
     """
-    axes = {axis: _axis_promise(result, axis, found) for axis, found in tuning.axes.items()}
+    axes = {}
+    for axis, found in tuning.axes.items():
+        gains = {
+            name: Gain(value, found.gains[name].next if name in found.gains else value)
+            for name, value in shaping_gains(result, axis).items()
+        }
+        # A filter that was off, and its settings not in the log, has no way back but to be off.
+        gains |= {
+            name: Gain(one.now if math.isfinite(one.now) else one.next, one.next)
+            for name, one in found.filters.items()
+        }
+        margins = None if found.verdict == "refused" else found.next
+        axes[axis] = AxisPromise(verdict=found.verdict, gains=gains, margins=margins)
     if all(one.margins is None for one in axes.values()):
         return None
     log, model = result.log, result.identification.recommended
@@ -101,20 +113,6 @@ def promise_of(result: Result, tuning: Tuning, log_sha256: str = "") -> Promise 
         ranges=tuning.ranges,
         balance=None if rotors is None else rotors.balance,
     )
-
-
-def _axis_promise(result: Result, axis: str, found: AxisTuning) -> AxisPromise:
-    gains = {
-        name: Gain(value, found.gains[name].next if name in found.gains else value)
-        for name, value in shaping_gains(result, axis).items()
-    }
-    # A filter that was off, and its settings not in the log, has no way back but to be off.
-    gains |= {
-        name: Gain(one.now if math.isfinite(one.now) else one.next, one.next)
-        for name, one in found.filters.items()
-    }
-    margins = None if found.verdict == "refused" else found.next
-    return AxisPromise(verdict=found.verdict, gains=gains, margins=margins)
 
 
 def _n_cells(result: Result) -> int:
@@ -171,10 +169,34 @@ def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
     n_cells = (promise.n_cells, _n_cells(after))
     axes = {axis: _axis_check(one, after, axis, obstacle) for axis, one in promise.axes.items()}
     vehicle = () if obstacle is not None else tuple(_vehicle_checks(promise, after))
-    axes, vehicle = _decided_together(axes, vehicle)
-    rotor = None if obstacle is not None else _weak_rotor(promise, after)
-    outcome = _outcome(axes, vehicle, rotor, obstacle)
+    # What differs by more than chance, over all tests of the vehicle.
+    p_values = [one.p_value for axis in axes.values() for one in axis.figures]
+    differ = iter(holm([*p_values, *(one.p_value for one in vehicle)], _FALSE_ALARMS))
+    judged: dict[str, AxisCheck] = {}
+    for axis, one in axes.items():
+        figures = tuple(replace(each, differs=next(differ)) for each in one.figures)
+        differing = {figure.gain for figure in figures if figure.differs}
+        if one.obstacle is not None:
+            held = Held.NOT_COMPARABLE
+        elif -1 in differing or not one.stable:
+            held = Held.WORSE
+        else:
+            held = Held.BETTER if differing else Held.INSIDE
+        judged[axis] = replace(one, figures=figures, held=held)
+    axes, vehicle = judged, tuple(replace(one, differs=next(differ)) for one in vehicle)
+    # The rotor that gives less than in the flight of the promise.
+    rotor, rotors = None, None if after.health is None else after.health.rotors
+    if obstacle is None and rotors is not None and rotors.balance is not None and promise.balance is not None:
+        found = weakened(promise.balance, rotors.balance)
+        rotor = None if found is None else WeakRotor(found[0], rotors.names[found[0]], found[1])
+    outcome = Outcome.NOT_COMPARABLE
     if obstacle is None:
+        promised = [one for one in axes.values() if one.obstacle is not Obstacle.NO_PROMISE]
+        broken = any(one.held is Held.WORSE or one.obstacle is Obstacle.OTHER_GAINS for one in promised)
+        if broken or rotor is not None or any(one.differs for one in vehicle):
+            outcome = Outcome.BROKEN
+        elif promised and all(one.obstacle is None for one in promised):
+            outcome = Outcome.KEPT
         by_default = (promise.limits, promise.ranges) == (GOOD, OFF_NOMINAL)
         advised = tuning_of(after) if by_default else recommend(after, promise.limits, ranges=promise.ranges)
         axes = {
@@ -190,15 +212,6 @@ def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
         n_cells=n_cells,
         rotor=rotor,
     )
-
-
-def _weak_rotor(promise: Promise, after: Result) -> WeakRotor | None:
-    """Return the rotor that gives less than in the flight of the promise."""
-    rotors = None if after.health is None else after.health.rotors
-    if rotors is None or rotors.balance is None or promise.balance is None:
-        return None
-    found = weakened(promise.balance, rotors.balance)
-    return None if found is None else WeakRotor(found[0], rotors.names[found[0]], found[1])
 
 
 def checked(before: Result, after: Result) -> Mapping[str, AxisCheck]:
@@ -244,7 +257,12 @@ def _axis_check(promised: AxisPromise, after: Result, axis: str, obstacle: Obsta
     """Hold one axis against its promise; whether figures differ is decided for all axes together."""
     parameters = flown_parameters(after.log, after.data)
     values = {name: parameters.get(name, math.nan) for name in promised.gains}
-    flown = _flown(promised, after, axis)
+    # Whose law flew; gains may be written in more than one way, as a product of two.
+    if same_law(after, axis, {name: gain.next for name, gain in promised.gains.items()}):
+        flown = Flown.NEXT
+    else:
+        is_back = same_law(after, axis, {name: gain.back for name, gain in promised.gains.items()})
+        flown = Flown.BACK if is_back else Flown.OTHER
     other = {
         name: (gain.next, values[name])
         for name, gain in promised.gains.items()
@@ -274,14 +292,6 @@ def _axis_check(promised: AxisPromise, after: Result, axis: str, obstacle: Obsta
         figures=figures,
         stable=seen.rate.stable and (seen.full is None or seen.full.stable),
     )
-
-
-def _flown(promised: AxisPromise, after: Result, axis: str) -> Flown:
-    """Return whose law flew; gains may be written in more than one way, as a product of two."""
-    if same_law(after, axis, {name: gain.next for name, gain in promised.gains.items()}):
-        return Flown.NEXT
-    is_back = same_law(after, axis, {name: gain.back for name, gain in promised.gains.items()})
-    return Flown.BACK if is_back else Flown.OTHER
 
 
 def _margins(result: Result, axis: str) -> LoopMargins | None:
@@ -369,44 +379,6 @@ def _vehicle_checks(promise: Promise, after: Result) -> Iterator[VehicleCheck]:
             p_value=_p_value(said, found, spread, bias),
             differs=False,
         )
-
-
-def _decided_together(
-    axes: Mapping[str, AxisCheck], vehicle: tuple[VehicleCheck, ...]
-) -> tuple[dict[str, AxisCheck], tuple[VehicleCheck, ...]]:
-    """Return the checks with what differs by more than chance, over all tests of the vehicle."""
-    p_values = [one.p_value for axis in axes.values() for one in axis.figures]
-    differ = iter(holm([*p_values, *(one.p_value for one in vehicle)], _FALSE_ALARMS))
-    judged: dict[str, AxisCheck] = {}
-    for axis, one in axes.items():
-        figures = tuple(replace(each, differs=next(differ)) for each in one.figures)
-        judged[axis] = replace(one, figures=figures, held=_held(one, figures))
-    return judged, tuple(replace(one, differs=next(differ)) for one in vehicle)
-
-
-def _held(one: AxisCheck, figures: tuple[FigureCheck, ...]) -> Held:
-    if one.obstacle is not None:
-        return Held.NOT_COMPARABLE
-    differing = {figure.gain for figure in figures if figure.differs}
-    if -1 in differing or not one.stable:
-        return Held.WORSE
-    return Held.BETTER if differing else Held.INSIDE
-
-
-def _outcome(
-    axes: Mapping[str, AxisCheck],
-    vehicle: tuple[VehicleCheck, ...],
-    rotor: WeakRotor | None,
-    obstacle: Obstacle | None,
-) -> Outcome:
-    if obstacle is not None:
-        return Outcome.NOT_COMPARABLE
-    promised = [one for one in axes.values() if one.obstacle is not Obstacle.NO_PROMISE]
-    broken = any(one.held is Held.WORSE or one.obstacle is Obstacle.OTHER_GAINS for one in promised)
-    if broken or rotor is not None or any(one.differs for one in vehicle):
-        return Outcome.BROKEN
-    compared = promised and all(one.obstacle is None for one in promised)
-    return Outcome.KEPT if compared else Outcome.NOT_COMPARABLE
 
 
 def _axis_decision(promise: Promise, after: Result, axis: str, one: AxisCheck, advised: Tuning) -> Decision:

@@ -227,11 +227,19 @@ def repeat(results: Sequence[Result]) -> Repeatability:
     )
     found = [each for each in _quantities(results, structure, reasons) if len(each.estimates) > 1]
     quantities = tuple(_tested(found))
+    # It takes two flights that tell its effectiveness to compare an axis.
+    axes: dict[str, Agreement] = {}
+    for axis in AXES:
+        own = [each for each in quantities if each.axis == axis]
+        if not any(each.kind == "effectiveness" for each in own):
+            axes[axis] = "not comparable"
+        else:
+            axes[axis] = "differ" if any(each.differs for each in own) else "agree"
     return Repeatability(
         flights=tuple(result.log.path for result in results),
         structure=structure if quantities else "",
         quantities=quantities,
-        axes={axis: _agreement(quantities, axis) for axis in AXES},
+        axes=axes,
         reasons=reasons,
         strangers=strangers([result.log for result in results]),
         advice=next_steps(
@@ -377,7 +385,16 @@ def _quantity(
 
 def _tested(quantities: Sequence[RepeatedQuantity]) -> Iterator[RepeatedQuantity]:
     """Yield quantities with their pairs and outliers, corrected for all that is looked at."""
-    pairs = [_pair_z(each.estimates) for each in quantities]
+    # The difference of each pair over its standard deviation.
+    pairs = [
+        {
+            (one.flight, two.flight): NORMAL_95
+            * (two.value - one.value)
+            / math.hypot(one.allowed, two.allowed)
+            for one, two in combinations(each.estimates, 2)
+        }
+        for each in quantities
+    ]
     adjusted = _adjusted(pairs)
     told_pairs = [
         tuple(
@@ -386,7 +403,13 @@ def _tested(quantities: Sequence[RepeatedQuantity]) -> Iterator[RepeatedQuantity
         )
         for each, p_values in zip(pairs, adjusted, strict=True)
     ]
-    outliers = [_outlier_z(each.estimates) for each in quantities]
+    # By flight its difference from the mean of the others over its standard deviation.
+    outliers: list[dict[int, float]] = [{} for _ in quantities]
+    for each, found in zip(quantities, outliers, strict=True):
+        if len(each.estimates) > _FEWEST_OTHERS:
+            for one in each.estimates:
+                difference, half_width = _from_others(each.estimates, one.flight)
+                found[one.flight] = NORMAL_95 * difference / half_width
     adjusted = _adjusted(outliers)
     for quantity, own_pairs, found, p_values in zip(quantities, told_pairs, outliers, adjusted, strict=True):
         told = tuple(
@@ -405,25 +428,6 @@ def _adjusted(families: Sequence[Mapping[Any, float]]) -> list[list[float]]:
     return [[next(adjusted) for _ in each] for each in families]
 
 
-def _pair_z(estimates: Sequence[FlightEstimate]) -> dict[tuple[int, int], float]:
-    """Return the difference of each pair over its standard deviation."""
-    return {
-        (one.flight, two.flight): NORMAL_95 * (two.value - one.value) / math.hypot(one.allowed, two.allowed)
-        for one, two in combinations(estimates, 2)
-    }
-
-
-def _outlier_z(estimates: Sequence[FlightEstimate]) -> dict[int, float]:
-    """Return by flight its difference from the mean of the others over its standard deviation."""
-    if len(estimates) <= _FEWEST_OTHERS:
-        return {}
-    found = {}
-    for each in estimates:
-        difference, half_width = _from_others(estimates, each.flight)
-        found[each.flight] = NORMAL_95 * difference / half_width
-    return found
-
-
 def _from_others(estimates: Sequence[FlightEstimate], flight: int) -> tuple[float, float]:
     """Return how far a flight is from the mean of the others, with half of the 95 % interval around zero."""
     (own,) = (each for each in estimates if each.flight == flight)
@@ -433,14 +437,6 @@ def _from_others(estimates: Sequence[FlightEstimate], flight: int) -> tuple[floa
     weight = 1.0 / (variance + (NORMAL_95 * sd) ** 2)
     squared = own.allowed**2 + (NORMAL_95 * sd) ** 2 + 1.0 / float(weight.sum())
     return own.value - float(np.average(value, weights=weight)), math.sqrt(squared)
-
-
-def _agreement(quantities: Sequence[RepeatedQuantity], axis: str) -> Agreement:
-    """Say of an axis whether the flights agree; it takes two that tell its effectiveness."""
-    own = [each for each in quantities if each.axis == axis]
-    if not any(each.kind == "effectiveness" for each in own):
-        return "not comparable"
-    return "differ" if any(each.differs for each in own) else "agree"
 
 
 def strangers(logs: Sequence[FlightLog]) -> dict[int, str]:

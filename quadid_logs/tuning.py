@@ -39,7 +39,6 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD, AxisTuning, Limits, Tunable, Tuning
 from quadid_logs.data.what_if import WhatIf
 from quadid_logs.diagnose.findings import finding
-from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.spectra import WINDOW_S
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, MULTIROTOR, vehicle_words
@@ -401,21 +400,18 @@ def same_law(result: Result, axis: str, others: Mapping[str, float]) -> bool:
     if all(same_gain(parameters.get(name, math.nan), value) for name, value in others.items()):
         return True
     both = [_rebuilt(result, parameters, axis, changes) for changes in ({}, others)]
-    paths = [_responses(one) for one in both if one is not None]
+    # What closes the loops of each controller, over frequency.
+    paths = []
+    for one in both:
+        if one is not None:
+            every = Paths(one, grid_hz(one.period_s))
+            angle = () if one.angle_gain_per_s is None else (every.on_angle,)
+            paths.append(np.stack([every.on_rate, *angle]))
     return (
         len(paths) == len(both)
         and paths[0].shape == paths[1].shape
         and bool(np.all(np.abs(paths[0] - paths[1]) <= _SAME_GAIN * np.abs(paths[0])))
     )
-
-
-def _responses(controller: AxisController) -> ComplexArray:
-    """Return the paths of a controller that close its loops, over frequency."""
-    paths = Paths(controller, grid_hz(controller.period_s))
-    closing = [paths.on_rate]
-    if controller.angle_gain_per_s is not None:
-        closing.append(paths.on_angle)
-    return np.stack(closing)
 
 
 def _case(

@@ -82,10 +82,34 @@ def read_vehicle(path: Path) -> Vehicle:
         raise _wrong(path, "rotor must be a list of tables", "Write [[rotor]] above each.")
     if len(tables) > _MOST_ROTORS:
         raise _wrong(path, f"{len(tables)} rotors are too many", f"At most {_MOST_ROTORS}.")
+    rotors = []
+    for table in tables:
+        _refuse_unknown(path, table, _ROTOR_KEYS)
+        missing = [key for key in _ROTOR_KEYS if key not in table]
+        if missing:
+            raise _wrong(
+                path, f"a [[rotor]] lacks {' and '.join(missing)}", "Give position_m = [x, y, z] and spin."
+            )
+        if table["spin"] not in _SPINS:
+            raise _wrong(
+                path, f"spin is {printable(table['spin'], 40)!r}", 'Give "ccw" or "cw", seen from above.'
+            )
+        place_hint = "Give [x, y, z] in metres: to the front, to the right, down."
+        position = _array(path, "position_m", table["position_m"], ((3,),), place_hint)
+        x, y, z = (float(value) for value in position)
+        rotors.append(Rotor(position_m=(x, y, z), spin=table["spin"]))
+    thrust_curve = None
+    if "thrust_curve" in content:
+        hint = "Give [[command, thrust in N], ...] with rising commands from 0 to 1."
+        thrust_curve = _array(path, "thrust_curve", content["thrust_curve"], ((-1, 2),), hint)
+        command, thrust = thrust_curve.T
+        rising = len(command) >= 2 and (np.diff(command) > 0.0).all() and (np.diff(thrust) >= 0.0).all()
+        if not rising or (thrust_curve < 0.0).any() or command[-1] > 1.0:
+            raise _wrong(path, "thrust_curve does not rise from 0", hint)
     return Vehicle(
         name=name,
-        rotors=tuple(_rotor(path, table) for table in tables),
-        thrust_curve=_thrust_curve(path, content["thrust_curve"]) if "thrust_curve" in content else None,
+        rotors=tuple(rotors),
+        thrust_curve=thrust_curve,
         inertia_kg_m2=_inertia(path, content["inertia_kg_m2"]) if "inertia_kg_m2" in content else None,
         path=str(path),
         **numbers,
@@ -158,45 +182,14 @@ def _array(path: Path, key: str, value: Any, shapes: tuple[tuple[int, ...], ...]
     return array
 
 
-def _rotor(path: Path, table: Mapping[str, Any]) -> Rotor:
-    """Return one rotor."""
-    _refuse_unknown(path, table, _ROTOR_KEYS)
-    missing = [key for key in _ROTOR_KEYS if key not in table]
-    if missing:
-        raise _wrong(
-            path, f"a [[rotor]] lacks {' and '.join(missing)}", "Give position_m = [x, y, z] and spin."
-        )
-    if table["spin"] not in _SPINS:
-        raise _wrong(
-            path, f"spin is {printable(table['spin'], 40)!r}", 'Give "ccw" or "cw", seen from above.'
-        )
-    position = _array(
-        path,
-        "position_m",
-        table["position_m"],
-        ((3,),),
-        "Give [x, y, z] in metres: to the front, to the right, down.",
-    )
-    x, y, z = (float(value) for value in position)
-    return Rotor(position_m=(x, y, z), spin=table["spin"])
-
-
-def _thrust_curve(path: Path, value: Any) -> FloatArray:
-    """Return commands and thrusts (n_points, 2), rising."""
-    hint = "Give [[command, thrust in N], ...] with rising commands from 0 to 1."
-    curve = _array(path, "thrust_curve", value, ((-1, 2),), hint)
-    rising = (
-        curve.shape[0] >= 2 and (np.diff(curve[:, 0]) > 0.0).all() and (np.diff(curve[:, 1]) >= 0.0).all()
-    )
-    if not rising or (curve < 0.0).any() or curve[-1, 0] > 1.0:
-        raise _wrong(path, "thrust_curve does not rise from 0", hint)
-    return curve
-
-
 def _inertia(path: Path, value: Any) -> FloatArray:
     """Return the tensor (3, 3): symmetric and positive definite."""
     hint = "Give [Ixx, Iyy, Izz] or a symmetric 3 by 3 tensor, in kg m^2; nan for a moment that is not known."
-    unknown = _unknown_moments(value)
+    # Which of three moments are nan; nothing where none is, or all are.
+    unknown = (
+        [isinstance(each, float) and math.isnan(each) for each in value] if isinstance(value, list) else []
+    )
+    unknown = unknown if len(unknown) == len(AXES) and any(unknown) and not all(unknown) else []
     moments = (
         [1.0 if is_unknown else each for is_unknown, each in zip(unknown, value, strict=True)]
         if unknown
@@ -209,11 +202,3 @@ def _inertia(path: Path, value: Any) -> FloatArray:
     tensor = np.array(tensor, dtype=np.float64)
     tensor[np.flatnonzero(unknown), np.flatnonzero(unknown)] = np.nan
     return tensor
-
-
-def _unknown_moments(value: Any) -> list[bool]:
-    """Say which of three moments are nan; nothing where none is, or all are."""
-    unknown = (
-        [isinstance(each, float) and math.isnan(each) for each in value] if isinstance(value, list) else []
-    )
-    return unknown if len(unknown) == len(AXES) and any(unknown) and not all(unknown) else []

@@ -175,23 +175,20 @@ def analyze(
         for log, folder, part in zip(logs, folders, parts(logs), strict=True)
     ]
     if with_index and rows:
-        _write_index(parent, [(log, rows.get(folder)) for log, folder in zip(logs, folders, strict=True)])
+        from quadid_logs.report.index import IndexRow, index_page
+
+        # A line for each log, those that could not be read too.
+        lines = [
+            rows.get(folder)
+            or IndexRow(name=printable(log, 160), summary="could not be read; the command said why")
+            for log, folder in zip(logs, folders, strict=True)
+        ]
+        write_beside(parent / INDEX_FILE, index_page(lines).encode())
         if not (quiet or as_json):
             say(f"index: {printable(parent / INDEX_FILE)}")
     if open_report and rows and wish.files and wish.drawings:
         open_page(parent / INDEX_FILE if with_index else folders[0] / _REPORT_FILE)
     return max(codes)
-
-
-def _write_index(parent: Path, outcomes: list[tuple[Path, IndexRow | None]]) -> None:
-    """Write one line per log, those that could not be read too."""
-    from quadid_logs.report.index import IndexRow, index_page
-
-    rows = [
-        row or IndexRow(name=printable(log, 160), summary="could not be read; the command said why")
-        for log, row in outcomes
-    ]
-    write_beside(parent / INDEX_FILE, index_page(rows).encode())
 
 
 def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: dict[Path, IndexRow]) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -16,10 +16,6 @@ from quadid_logs.cli.outcome import say_outcome, write_outcome
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
 from quadid_logs.output import check_folder_free
-
-if TYPE_CHECKING:
-    from quadid_logs.comparison import Comparison
-    from quadid_logs.data.result import Result
 
 _JSON, _PAGE = "compare.json", "compare.html"
 _PNG, _LOOP_PNG = "compare.png", "compare-loop.png"
@@ -80,23 +76,21 @@ def compare(
     first, second = results
     comparison = compare_results(first, second)
     text = comparison_text(first, second, comparison)
-    written = "" if output is None else _write(output, (first, second), comparison, text)
+    written = ""
+    if output is not None:
+        from quadid_logs.figures import Figure
+        from quadid_logs.figures.comparison_chart import comparison_figure
+        from quadid_logs.figures.loop_comparison import loop_comparison_figure
+        from quadid_logs.report.comparison_page import comparison_page
+
+        # Page and JSON and, where something was compared, the figures.
+        drawn = {_PNG: comparison_figure(comparison), _LOOP_PNG: loop_comparison_figure(first, second)}
+        figures = {name: each for name, each in drawn.items() if isinstance(each, Figure)}
+        page = comparison_page(first, second, comparison, list(figures.values()))
+        written = write_outcome(output, {_PAGE: page.encode(), _JSON: text.encode("ascii")}, figures, _FILES)
     code = EXIT_CODES[comparison.verdict]
     lines = comparison_lines(first, second, comparison)
     say_outcome(text, lines, written, code=code, as_json=as_json, quiet=quiet)
     if output is not None and open_report:
         open_page(output / _PAGE)
     return code
-
-
-def _write(folder: Path, both: tuple[Result, Result], comparison: Comparison, text: str) -> str:
-    """Write page and JSON and, where something was compared, the figures; return what was written."""
-    from quadid_logs.figures import Figure
-    from quadid_logs.figures.comparison_chart import comparison_figure
-    from quadid_logs.figures.loop_comparison import loop_comparison_figure
-    from quadid_logs.report.comparison_page import comparison_page
-
-    drawn = {_PNG: comparison_figure(comparison), _LOOP_PNG: loop_comparison_figure(*both)}
-    figures = {name: each for name, each in drawn.items() if isinstance(each, Figure)}
-    page = comparison_page(*both, comparison, list(figures.values()))
-    return write_outcome(folder, {_PAGE: page.encode(), _JSON: text.encode("ascii")}, figures, _FILES)

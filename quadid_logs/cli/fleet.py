@@ -119,20 +119,16 @@ def fleet(
     coverage = coverage_of(count_verdicts(output))
     if not quiet:
         say(coverage_words(coverage))
-        say(f"{_summary(tally)} -> {printable(output)}")
+        from quadid_logs.fleets.run import ANALYZED, KNOWN, LOST, UNREADABLE
+
+        words = {ANALYZED: "analyzed", UNREADABLE: "unreadable", LOST: "lost", KNOWN: "already there"}
+        parts = [f"{tally.counts[key]} {word}" for key, word in words.items() if tally.counts[key]]
+        rate = f"{tally.rate_hz:.2g} logs/s" if tally.rate_hz else ""
+        summary = f"{counted(tally.n_logs, 'log')}: {', '.join(filter(None, (*parts, rate)))}"
+        say(f"{summary} -> {printable(output)}")
     if tally.counts[LOST]:
         return 1
     return NOTHING_USABLE if coverage.is_empty else 0
-
-
-def _summary(tally: Tally) -> str:
-    """Say in one line what became of the logs."""
-    from quadid_logs.fleets.run import ANALYZED, KNOWN, LOST, UNREADABLE
-
-    words = {ANALYZED: "analyzed", UNREADABLE: "unreadable", LOST: "lost", KNOWN: "already there"}
-    parts = [f"{tally.counts[key]} {word}" for key, word in words.items() if tally.counts[key]]
-    rate = f"{tally.rate_hz:.2g} logs/s" if tally.rate_hz else ""
-    return f"{counted(tally.n_logs, 'log')}: {', '.join(filter(None, (*parts, rate)))}"
 
 
 class FleetProgress:

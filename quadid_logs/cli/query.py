@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import islice
+from collections.abc import Iterator, Sequence
+from itertools import chain, islice
 from numbers import Number
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -72,7 +72,7 @@ def _json_lines(answer: Answer) -> Iterator[str]:
 
 def _csv_lines(answer: Answer) -> Iterator[str]:
     """Yield lines with the separators quoted."""
-    for row in _chain(answer):
+    for row in chain([answer.columns], answer.rows):
         line = io.StringIO()
         csv.writer(line, lineterminator="").writerow(map(_cell, row))
         yield line.getvalue()
@@ -86,11 +86,6 @@ def _cell(value: Any) -> Any:
         return value
     text = printable(value, _LONGEST_CELL)
     return f"'{text}" if text.startswith(_FORMULA) else text
-
-
-def _chain(answer: Answer) -> Iterator[Iterable[Any]]:
-    yield answer.columns
-    yield from answer.rows
 
 
 def _table_lines(answer: Answer) -> Iterator[str]:

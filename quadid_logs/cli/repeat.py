@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -16,9 +16,6 @@ from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress, parts
 from quadid_logs.errors import SettingsError
 from quadid_logs.output import check_folder_free
-
-if TYPE_CHECKING:
-    from quadid_logs.repetition import Repeatability
 
 _JSON, _PAGE = "repeat.json", "repeat.html"
 _PNG = {"funnel": "repeat-funnel.png", "flights": "repeat-flights.png"}
@@ -76,21 +73,19 @@ def repeat(
             results.append(of_longest(log, settings, of_log))
     found = repeat_results(results)
     text = repetition_text(found)
-    written = "" if output is None else _write(output, found, text)
+    written = ""
+    if output is not None:
+        from quadid_logs.figures import Figure
+        from quadid_logs.figures.repetition_chart import repetition_figures
+        from quadid_logs.report.repetition_page import repetition_page
+
+        # Page and JSON and, where flights tell something, the figures.
+        figures = [each for each in repetition_figures(found) if isinstance(each, Figure)]
+        files = {_PAGE: repetition_page(found, figures).encode(), _JSON: text.encode("ascii")}
+        written = write_outcome(output, files, {_PNG[each.key]: each for each in figures}, _FILES)
     code = _EXIT_CODES[found.verdict]
     lines = repetition_lines(found)
     say_outcome(text, lines, written, code=code, as_json=as_json, quiet=quiet)
     if output is not None and open_report:
         open_page(output / _PAGE)
     return code
-
-
-def _write(folder: Path, found: Repeatability, text: str) -> str:
-    """Write page and JSON and, where flights tell something, the figures; return what was written."""
-    from quadid_logs.figures import Figure
-    from quadid_logs.figures.repetition_chart import repetition_figures
-    from quadid_logs.report.repetition_page import repetition_page
-
-    figures = [each for each in repetition_figures(found) if isinstance(each, Figure)]
-    files = {_PAGE: repetition_page(found, figures).encode(), _JSON: text.encode("ascii")}
-    return write_outcome(folder, files, {_PNG[each.key]: each for each in figures}, _FILES)

@@ -31,14 +31,13 @@ from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Mapping
 
     from quadid_logs.data.autotune import AutotuneForecast
     from quadid_logs.data.off_nominal import Ranges
     from quadid_logs.data.result import EarlierFlight, Result
     from quadid_logs.data.tuning import Limits, Tuning
     from quadid_logs.report.provenance import Provenance
-    from quadid_logs.report.tune_view import TuneView
 
 _DEFAULT_FOLDER = Path("quadid-tune")
 _HIGHEST_DB, _HIGHEST_DEG = 40.0, 90.0
@@ -234,8 +233,20 @@ def _show(
 
     view = tune_view(result, tuning)
     say(view.headline)
-    for line in _axis_lines(view):
-        say(line)
+    # What is said of each axis, once where it is the same of several.
+    axes_of: dict[tuple[str, ...], list[str]] = {}
+    for axis in view.axes:
+        gains = (
+            f"{gain.name} {gain.now} -> {gain.next}{f' (target {gain.target})' if gain.target else ''}"
+            for gain in axis.gains
+        )
+        said = (f"{axis.sentence} {axis.promise}".rstrip(), *gains)
+        said += tuple(filter(None, (axis.off_nominal, axis.filter_note, axis.warning)))
+        axes_of.setdefault(said, []).append(axis.axis)
+    for (sentence, *details), axes in axes_of.items():
+        say(f"  {listed(axes)}: {sentence}")
+        for detail in details:
+            say(f"    {detail}")
     for one in result.earlier:
         say(f"  {printable(Path(one.path).name)} {_earlier_words(result, one)}")
     if tuning.refused:
@@ -258,19 +269,3 @@ def _earlier_words(result: Result, earlier: EarlierFlight) -> str:
     if alone:
         parts.append(f"tells of {listed(alone)}, which this flight shows too little of")
     return " and ".join(parts) or "narrows nothing"
-
-
-def _axis_lines(view: TuneView) -> Iterator[str]:
-    """Yield what is said of each axis, once where it is the same of several."""
-    axes_of: dict[tuple[str, ...], list[str]] = {}
-    for axis in view.axes:
-        gains = (
-            f"{gain.name} {gain.now} -> {gain.next}{f' (target {gain.target})' if gain.target else ''}"
-            for gain in axis.gains
-        )
-        said = (f"{axis.sentence} {axis.promise}".rstrip(), *gains)
-        said += tuple(filter(None, (axis.off_nominal, axis.filter_note, axis.warning)))
-        axes_of.setdefault(said, []).append(axis.axis)
-    for (sentence, *details), axes in axes_of.items():
-        yield f"  {listed(axes)}: {sentence}"
-        yield from (f"    {detail}" for detail in details)

@@ -8,7 +8,6 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.conditioning import conditioned
 from quadid_logs.control.flexible_mode import Measured, frame_modes
@@ -35,7 +34,6 @@ from quadid_logs.data.closed_loop import (
     LoopMargins,
     MeasuredLoop,
     Plant,
-    Prediction,
 )
 from quadid_logs.data.controller import AxisController, FlownControllers, Replay
 from quadid_logs.data.flight import FlightData
@@ -188,9 +186,14 @@ def _axis(
     known = vehicles(data, model, number, controller, frames=wanted == "whole")
     if known is None:
         return AxisLoop()
-    seen, known_hz = known.seen, known.supported.known_hz
+    seen, lines, known_hz = known.seen, known.lines, known.supported.known_hz
     entry = model.entries[ON_AXIS[AXES[number]]]
-    prediction = _prediction(data, model, number, controller, known, low_hz)
+    # By the model as it was fitted: what the fit never saw is to judge it.
+    prediction, fit, posterior = None, model.fit, model.posterior
+    if seen and lines and fit and posterior and controller.predictable:
+        covariance = posterior.covariance[number, 1:, 1:]
+        axis = AxisModel(number, controller, known.fitted, covariance, seen.chirp, model.actuator)
+        prediction = predict(data, axis, fit, lines, low_hz)
     effectiveness = Estimated(entry.value, entry.ci95)
     if wanted == "verdict":
         return AxisLoop(prediction=prediction, effectiveness=effectiveness)
@@ -226,7 +229,13 @@ def loop_around(controller: AxisController, plants: Plant, known_hz: float) -> t
     curve : LoopCurve
     """
     loop = close(controller, plants, fine_grid_hz(controller.period_s))
-    return _margins(controller, plants, loop, known_hz), _curve(loop, known_hz)
+    n, runs_away = integrators(controller), plants.damping > 0.0
+    full = loop.full
+    margins = LoopMargins(
+        rate=margins_of(loop.frequency_hz, loop.rate, n, runs_away, known_hz),
+        full=None if full is None else margins_of(loop.frequency_hz, full, n + 1, runs_away, known_hz),
+    )
+    return margins, _curve(loop, known_hz)
 
 
 def open_loop(controller: AxisController, plants: Plant, known_hz: float) -> LoopCurve:
@@ -345,34 +354,6 @@ def _crossover_hz(plants: Plant, controller: AxisController) -> float:
     )
 
 
-def _prediction(
-    data: FlightData,
-    model: Model,
-    number: int,
-    controller: AxisController,
-    known: Vehicles,
-    low_hz: float,
-) -> Prediction | None:
-    """Predict the flight by the model as it was fitted: what the fit never saw is to judge it."""
-    if known.seen is None or known.lines is None or model.fit is None or model.posterior is None:
-        return None
-    if not controller.predictable:
-        return None
-    covariance = model.posterior.covariance[number, 1:, 1:]
-    axis = AxisModel(number, controller, known.fitted, covariance, known.seen.chirp, model.actuator)
-    return predict(data, axis, model.fit, known.lines, low_hz)
-
-
-def _margins(controller: AxisController, plants: Plant, loop: Loop, known_hz: float) -> LoopMargins:
-    """Return the margins of the rate loop, and of the whole where its angle loop is known."""
-    n, runs_away = integrators(controller), plants.damping > 0.0
-    full = loop.full
-    return LoopMargins(
-        rate=margins_of(loop.frequency_hz, loop.rate, n, runs_away, known_hz),
-        full=None if full is None else margins_of(loop.frequency_hz, full, n + 1, runs_away, known_hz),
-    )
-
-
 class Seen(NamedTuple):
     """What the log shows of one axis, relative to what is modelled.
 
@@ -386,6 +367,12 @@ class Seen(NamedTuple):
     broken: Response | None
 
 
+def _whole(loop: Loop) -> ComplexArray:
+    """Return the open loop of the estimate with all that is known to close it."""
+    whole = loop.rate if loop.full is None else loop.full
+    return np.asarray(whole[0], dtype=np.complex128)
+
+
 def _seen(lines: Lines, controller: AxisController, estimate: Plant) -> Seen:
     """Measure the vehicle by every instrument that the log has, and the broken loop where it can be."""
     loop = close(controller, estimate, lines.frequency_hz)
@@ -393,32 +380,24 @@ def _seen(lines: Lines, controller: AxisController, estimate: Plant) -> Seen:
     # Of what is modelled nothing is left to change over a band: no average over it is biased.
     expected = lines.acting * vehicle
     ratio, broken = response(lines.frequency_hz, lines.setpoint, expected, lines.rate), None
-    if lines.chirp is not None and _enters_at_mixer(lines, loop):
-        by_chirp = response(lines.frequency_hz, lines.chirp, expected, lines.rate)
-        ratio = better(ratio, by_chirp)
-        answer = lines.chirp - lines.torque
-        expected = lines.torque * _whole(loop)
-        broken = response(lines.frequency_hz, lines.chirp, expected, answer, per_octave=_BROKEN_PER_OCTAVE)
+    if lines.chirp is not None:
+        # An excitation that is part of this axis' torque moves it as 1 / (1 + L) says.
+        by_mixer = lines.chirp / (1.0 + _whole(loop))
+        moved = response(lines.frequency_hz, lines.chirp, by_mixer, lines.torque).known().gain.real
+        if moved.size and 1.0 / _AT_MIXER < float(np.median(moved)) < _AT_MIXER:
+            ratio = better(ratio, response(lines.frequency_hz, lines.chirp, expected, lines.rate))
+            broken = response(
+                lines.frequency_hz,
+                lines.chirp,
+                lines.torque * _whole(loop),
+                lines.chirp - lines.torque,
+                per_octave=_BROKEN_PER_OCTAVE,
+            )
     delay_s = controller.angle_delay_steps * controller.period_s
     late = delay_response(np.asarray(2j * np.pi * lines.frequency_hz, dtype=np.complex128), delay_s)
     answered = lines.setpoint * late * loop.target_to_rate[0]
     closed = response(lines.frequency_hz, lines.setpoint, answered, lines.rate).known()
     return Seen(ratio.known(), closed, Chirp(at_mixer=broken is not None, delay_s=delay_s), broken)
-
-
-def _whole(loop: Loop) -> ComplexArray:
-    """Return the open loop of the estimate with all that is known to close it."""
-    whole = loop.rate if loop.full is None else loop.full
-    return np.asarray(whole[0], dtype=np.complex128)
-
-
-def _enters_at_mixer(lines: Lines, loop: Loop) -> bool:
-    """Tell whether an excitation is part of this axis' torque: it then moves it as 1 / (1 + L) says."""
-    if lines.chirp is None:
-        return False
-    expected = lines.chirp / (1.0 + _whole(loop))
-    found = response(lines.frequency_hz, lines.chirp, expected, lines.torque).known()
-    return bool(found.gain.size) and 1.0 / _AT_MIXER < float(np.median(found.gain.real)) < _AT_MIXER
 
 
 def _measured(seen: Seen, controller: AxisController, estimate: Plant) -> MeasuredLoop:
@@ -431,22 +410,16 @@ def _measured(seen: Seen, controller: AxisController, estimate: Plant) -> Measur
     )
 
 
-def _phase(loop: ComplexArray) -> FloatArray:
-    """Return phases [rad] on one turn of the circle, that in which the estimate crosses over below zero.
-
-    Each of the vehicles by itself may begin at 180 or at -180 degrees, which is the same place.
-    """
-    estimate = np.unwrap(np.angle(loop[0]))
-    crossover = int(np.argmin(np.abs(np.log(np.abs(loop[0])))))
-    turn = 2.0 * np.pi * np.ceil(estimate[crossover] / (2.0 * np.pi))
-    return np.asarray(estimate - turn + np.angle(loop / loop[0]), dtype=np.float64)
-
-
 def _curve(closed: Loop, known_hz: float) -> LoopCurve:
     """Return the open loop with its band, wider by what nobody measured."""
     frequency_hz, loop = closed.frequency_hz, closed.rate if closed.full is None else closed.full
     drawn = np.flatnonzero(frequency_hz >= _LOWEST_DRAWN_HZ)[::_EVERY]
-    gain, phase = np.abs(loop[:, drawn]), _phase(loop[:, drawn])
+    gain = np.abs(loop[:, drawn])
+    # Phases on one turn of the circle, that in which the estimate crosses over below zero.
+    estimate = np.unwrap(np.angle(loop[0, drawn]))
+    crossover = int(np.argmin(np.abs(np.log(gain[0]))))
+    turn = 2.0 * np.pi * np.ceil(estimate[crossover] / (2.0 * np.pi))
+    phase = estimate - turn + np.angle(loop[:, drawn] / loop[0, drawn])
     gain_low, gain_high = np.quantile(gain, ENDS_95, axis=0)
     phase_low, phase_high = np.quantile(phase, ENDS_95, axis=0)
     return LoopCurve(

@@ -11,8 +11,7 @@ import numpy as np
 from quadid_logs.data.closed_loop import Estimated
 from quadid_logs.data.controller import CommandUnit
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import Model, Parameter, Posterior
-from quadid_logs.data.torque import Calibration
+from quadid_logs.data.model import Model
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
@@ -48,15 +47,32 @@ def per_command(data: FlightData, model: Model) -> tuple[FlightData, Model]:
         else data.input.torque_per_thrust / n_m[:, np.newaxis],
     )
     own = {ON_AXIS[axis]: number for number, axis in enumerate(AXES)}
-    parameters = tuple(
-        _converted(one, calibration, own[one.target, one.regressor])
-        if (one.target, one.regressor) in own
-        else one
-        for one in model.parameters
-    )
-    posterior = None if model.posterior is None else _posterior(model.posterior, calibration)
+    parameters = []
+    for one in model.parameters:
+        number = own.get((one.target, one.regressor))
+        if number is None:
+            parameters.append(one)
+            continue
+        # Calibration and fit are independent: their variances add up to the whole; the fit's is left.
+        value, relative_sigma = one.value, calibration.relative_sigma[number]
+        sigma = 0.5 * (one.ci95[1] - one.ci95[0]) / NORMAL_95
+        of_calibration = abs(value) * relative_sigma if np.isfinite(relative_sigma) else 0.0
+        narrower = 1.0 if not sigma > 0.0 else float(np.sqrt(max(1.0 - (of_calibration / sigma) ** 2, 0.0)))
+        per_unit = calibration.n_m_per_command[number]
+        low, high = (per_unit * (value + narrower * (end - value)) for end in one.ci95)
+        parameters.append(replace(one, value=per_unit * value, ci95=(low, high)))
+    posterior = model.posterior
+    if posterior is not None:
+        mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
+        for number, per_unit in enumerate(calibration.n_m_per_command):
+            # The calibration's uncertainty is no part of what is known of the loop: see
+            # `data.model.Posterior`.
+            scale = np.where(_OF_TORQUE, per_unit, 1.0)
+            mean[number] *= scale
+            covariance[number] *= np.outer(scale, scale)
+        posterior = replace(posterior, mean=mean, covariance=covariance)
     return replace(data, segments=segments, input=given), replace(
-        model, parameters=parameters, posterior=posterior
+        model, parameters=tuple(parameters), posterior=posterior
     )
 
 
@@ -77,32 +93,3 @@ def in_degrees(effectiveness: Estimated, unit: CommandUnit) -> Estimated:
     factor = math.degrees(1.0) / unit.per_command
     low, high = effectiveness.ci95
     return Estimated(factor * effectiveness.value, (factor * low, factor * high))
-
-
-def _converted(parameter: Parameter, calibration: Calibration, number: int) -> Parameter:
-    n_m, value = calibration.n_m_per_command[number], parameter.value
-    half_width = 0.5 * (parameter.ci95[1] - parameter.ci95[0])
-    narrower = _narrowing(half_width / NORMAL_95, value, calibration.relative_sigma[number])
-    low, high = (n_m * (value + narrower * (end - value)) for end in parameter.ci95)
-    return replace(parameter, value=n_m * value, ci95=(low, high))
-
-
-def _posterior(posterior: Posterior, calibration: Calibration) -> Posterior:
-    mean, covariance = posterior.mean.copy(), posterior.covariance.copy()
-    for number, n_m in enumerate(calibration.n_m_per_command):
-        # The calibration's uncertainty is no part of what is known of the loop: see `data.model.Posterior`.
-        per_command = np.where(_OF_TORQUE, n_m, 1.0)
-        mean[number] *= per_command
-        covariance[number] *= np.outer(per_command, per_command)
-    return replace(posterior, mean=mean, covariance=covariance)
-
-
-def _narrowing(sigma: float, value: float, relative_sigma: float) -> float:
-    """Return what is left of a standard deviation without that of the calibration, relative.
-
-    Both are independent: their squares add up to the whole.
-    """
-    of_calibration = abs(value) * relative_sigma if np.isfinite(relative_sigma) else 0.0
-    if not sigma > 0.0:
-        return 1.0
-    return float(np.sqrt(max(1.0 - (of_calibration / sigma) ** 2, 0.0)))

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.controller import AxisRows, Replay, ReplayInput, ReplayReason
@@ -84,7 +83,8 @@ def explain(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Rep
         _slew,
         _notch,
         _missing,
-        _perhaps_thinned,
+        # Rows that no other cause explains are some of the loop's steps, where it may be that fast.
+        lambda given, _: _of_loop(given, given.shortest_period_s),
     ):
         found = attempt(given, part)
         if found is not None:
@@ -268,11 +268,6 @@ def _thinned(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: A
     return _of_loop(given, given.loop_period_s)
 
 
-def _perhaps_thinned(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: ARG001
-    """Take rows that no other cause explains for some of the loop's steps, where it may be that fast."""
-    return _of_loop(given, given.shortest_period_s)
-
-
 def _of_loop(given: ReplayInput, period_s: float) -> _Explanation | None:
     logged_hz, loop_hz = 1.0 / float(np.median(given.rows.step_s)), 1.0 / period_s
     # A period that is not known is NaN.
@@ -283,30 +278,26 @@ def _of_loop(given: ReplayInput, period_s: float) -> _Explanation | None:
 
 def _filtered(given: ReplayInput, part: slice) -> _Explanation | None:
     """Try other cut-offs of each filter."""
+    from scipy.optimize import minimize_scalar
+
     rows = given.rows.part(part)
     for name in given.cutoffs:
         errors = [_error(given, rows, {name: cutoff_hz}) for cutoff_hz in _CUTOFFS_HZ]
         best = int(np.argmin(errors))
         flown_hz, error = _CUTOFFS_HZ[best], errors[best]
         if error > given.tolerance and best > 0:
-            flown_hz, error = _refined(given, rows, name, flown_hz)
+            # The best one within a factor of two.
+            found = minimize_scalar(
+                lambda log_hz, name=name: _error(given, rows, {name: float(np.exp(log_hz))}),
+                bounds=(np.log(0.5 * flown_hz), np.log(2.0 * flown_hz)),
+                method="bounded",
+                options={"xatol": 1e-3},
+            )
+            flown_hz, error = float(np.exp(found.x)), float(found.fun)
         if error <= given.tolerance:
             numbers = {"in_file_hz": given.parameters.get(name, 0.0), "flown_hz": flown_hz}
             return _Explanation(ReplayReason.FILTER_DIFFERS, name, numbers)
     return None
-
-
-def _refined(given: ReplayInput, rows: AxisRows, name: str, near_hz: float) -> tuple[float, float]:
-    """Return the best cut-off within a factor of two, and its error."""
-    from scipy.optimize import minimize_scalar
-
-    found = minimize_scalar(
-        lambda log_hz: _error(given, rows, {name: float(np.exp(log_hz))}),
-        bounds=(np.log(0.5 * near_hz), np.log(2.0 * near_hz)),
-        method="bounded",
-        options={"xatol": 1e-3},
-    )
-    return float(np.exp(found.x)), float(found.fun)
 
 
 def _slew(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: ARG001
@@ -328,30 +319,23 @@ def _regained(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: 
     # First one gain alone: where all may differ, the fit tells noise too.
     for names in (*((name,) for name in given.gains.values()), tuple(given.gains.values())):
         fits = [_fitted(given, each, names) for each in steps]
-        found = _told_by(given, names, [(c, fit) for c, fit in zip(chunks, fits, strict=True) if fit])
-        if found is not None:
-            return found
+        told = [
+            (chunk, fit)
+            for chunk, fit in zip(chunks, fits, strict=True)
+            if fit and _error(given, chunk, fit) <= given.tolerance
+        ]
+        # Of one change in flight, one chunk holds gains of both sides.
+        if len(told) < _CHUNKS - 1 or all(_are_of_file(given, fit, chunk) for chunk, fit in told):
+            continue
+        middle = {name: float(np.median([fit[name] for _, fit in told])) for name in told[0][1]}
+        name = names[0] if len(names) == 1 else ""
+        in_file = given.parameters.get(name, 0.0)
+        if all(_error(given, chunk, middle) <= given.tolerance for chunk, _ in told):
+            numbers = {"in_file": in_file, "flown": middle[name]} if name else {}
+            return _Explanation(ReplayReason.GAIN_DIFFERS, name, numbers)
+        numbers = {"before": told[0][1][name], "after": told[-1][1][name]} if name else {}
+        return _Explanation(ReplayReason.GAINS_CHANGED, name, numbers)
     return None
-
-
-def _told_by(
-    given: ReplayInput, names: tuple[str, ...], fits: Sequence[tuple[AxisRows, dict[str, float]]]
-) -> _Explanation | None:
-    """Tell whether other values of these gains explain the chunks, and whether the same ones explain all."""
-    fits = [(chunk, fit) for chunk, fit in fits if _error(given, chunk, fit) <= given.tolerance]
-    # Of one change in flight, one chunk holds gains of both sides.
-    if len(fits) < _CHUNKS - 1:
-        return None
-    middle = {name: float(np.median([fit[name] for _, fit in fits])) for name in fits[0][1]}
-    if all(_are_of_file(given, fit, chunk) for chunk, fit in fits):
-        return None
-    name = names[0] if len(names) == 1 else ""
-    in_file = given.parameters.get(name, 0.0)
-    if all(_error(given, chunk, middle) <= given.tolerance for chunk, _ in fits):
-        numbers = {"in_file": in_file, "flown": middle[name]} if name else {}
-        return _Explanation(ReplayReason.GAIN_DIFFERS, name, numbers)
-    numbers = {"before": fits[0][1][name], "after": fits[-1][1][name]} if name else {}
-    return _Explanation(ReplayReason.GAINS_CHANGED, name, numbers)
 
 
 def _are_of_file(given: ReplayInput, gains: Mapping[str, float], rows: AxisRows) -> bool:
@@ -395,22 +379,18 @@ def _fitted(given: ReplayInput, steps: _Steps, names: tuple[str, ...]) -> dict[s
     kept = (name for name in steps.by_gain if name not in free)
     known = sum((given.parameters.get(name, 0.0) * steps.by_gain[name] for name in kept), np.zeros(1))
     columns = np.column_stack([steps.by_gain[name] for name in free])
-    return dict(zip(free, _robust(columns, steps.output - known, steps.usable).tolist(), strict=True))
-
-
-def _robust(columns: FloatArray, steps: FloatArray, usable: BoolArray) -> FloatArray:
-    """Return least-squares coefficients without the rows that lie far off."""
-    kept, found = usable, np.zeros(columns.shape[1])
+    # Least squares without the rows that lie far off.
+    output, here, found = steps.output - known, steps.usable, np.zeros(columns.shape[1])
     for _ in range(4):
-        scale = np.sqrt(np.mean(columns[kept] ** 2, axis=0))
+        scale = np.sqrt(np.mean(columns[here] ** 2, axis=0))
         scale[scale == 0.0] = 1.0
-        found = np.linalg.lstsq(columns[kept] / scale, steps[kept], rcond=None)[0] / scale
-        off = np.abs(steps - columns @ found)
-        spread = _SD_OF_MAD * float(np.median(off[usable]))
-        kept = usable & (off <= _OUTLIER * spread)
-        if np.count_nonzero(kept) < columns.shape[1] + 1:
+        found = np.linalg.lstsq(columns[here] / scale, output[here], rcond=None)[0] / scale
+        off = np.abs(output - columns @ found)
+        spread = _SD_OF_MAD * float(np.median(off[steps.usable]))
+        here = steps.usable & (off <= _OUTLIER * spread)
+        if np.count_nonzero(here) < columns.shape[1] + 1:
             break
-    return np.asarray(found, dtype=np.float64)
+    return dict(zip(free, found.tolist(), strict=True))
 
 
 def _missing(given: ReplayInput, part: slice) -> _Explanation | None:  # noqa: ARG001
@@ -432,32 +412,22 @@ def _notch(given: ReplayInput, part: slice) -> _Explanation | None:
     frequency_hz, power = signal.welch(replayed, rate_hz, nperseg=n)
     ratio = signal.csd(replayed, logged, rate_hz, nperseg=n)[1] / np.maximum(power, 1e-300)
     before = _error(given, rows)
-    best = min(_candidates(rate_hz), key=lambda one: _misfit(one, frequency_hz, ratio, power, rate_hz))
+
+    def misfit(notch: tuple[float, float]) -> float:
+        response = signal.freqz(*signal.iirnotch(*notch, fs=rate_hz), worN=frequency_hz, fs=rate_hz)[1]
+        return float(np.sum(power * np.abs(response - ratio) ** 2))
+
+    # A digital notch cannot be wider than half of the sample rate.
+    notches = (
+        (centre_hz, q)
+        for centre_hz in np.geomspace(3.0, 0.4 * rate_hz, 60).tolist()
+        for q in (0.5, 1.0, 2.0, 4.0)
+        if centre_hz < 0.4 * rate_hz * q
+    )
+    best = min(notches, key=misfit)
     numerator, denominator = signal.iirnotch(*best, fs=rate_hz)
     target, rate = (signal.lfilter(numerator, denominator, one) for one in (rows.target, rows.rate))
     after = _error(given, replace(rows, target=target, rate=rate))
     if after > _EXPLAINED * before:
         return None
     return _Explanation(ReplayReason.HIDDEN_NOTCH, numbers={"frequency_hz": best[0], "q": best[1]})
-
-
-def _candidates(rate_hz: float) -> Iterator[tuple[float, float]]:
-    """Yield frequency [Hz] and Q of notches."""
-    for frequency_hz in np.geomspace(3.0, 0.4 * rate_hz, 60).tolist():
-        for q in (0.5, 1.0, 2.0, 4.0):
-            # A digital notch cannot be wider than half of the sample rate.
-            if frequency_hz < 0.4 * rate_hz * q:
-                yield frequency_hz, q
-
-
-def _misfit(
-    notch: tuple[float, float],
-    frequency_hz: FloatArray,
-    ratio: NDArray[np.complex128],
-    power: FloatArray,
-    rate_hz: float,
-) -> float:
-    from scipy import signal
-
-    response = signal.freqz(*signal.iirnotch(*notch, fs=rate_hz), worN=frequency_hz, fs=rate_hz)[1]
-    return float(np.sum(power * np.abs(response - ratio) ** 2))

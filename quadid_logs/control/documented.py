@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
-from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.tuning import AxisTuning, GainNames
 from quadid_logs.diagnose.findings import finding
 
@@ -29,11 +27,7 @@ def within_documented(axis: str, tuned: AxisTuning, names: GainNames) -> AxisTun
         The same gains. No gain is raised beyond its range; one that must fall for its margins falls below it.
     """
     known = {one.code for one in tuned.reasons}
-    more = [one for one in _findings(axis, tuned, names) if one.code not in known]
-    return replace(tuned, reasons=(*tuned.reasons, *more)) if more else tuned
-
-
-def _findings(axis: str, tuned: AxisTuning, names: GainNames) -> Iterator[Finding]:
+    findings = []
     changed = {name: one for name, one in tuned.gains.items() if one.next != one.now}
     ranges = {name: names.ranges[name] for name in changed if name in names.ranges}
     held = {
@@ -45,16 +39,17 @@ def _findings(axis: str, tuned: AxisTuning, names: GainNames) -> Iterator[Findin
     below = {name: low for name, (low, _) in ranges.items() if changed[name].next < low}
     if held:
         title = f"{_words(held)} is the highest value that the firmware documents"
-        yield finding("QL637", "info", {"highest": held}, axes=(axis,), title=title)
+        findings.append(finding("QL637", "info", {"highest": held}, axes=(axis,), title=title))
     if below:
         written = {name: changed[name].next for name in below}
-        title = f"{_words(written)} lies below the lowest value that the firmware documents, {_ends(below)}"
-        yield finding("QL676", "info", {"next": written, "lowest": below}, axes=(axis,), title=title)
+        ends = " and ".join(f"{value:g}" for value in below.values())
+        title = f"{_words(written)} lies below the lowest value that the firmware documents, {ends}"
+        findings.append(
+            finding("QL676", "info", {"next": written, "lowest": below}, axes=(axis,), title=title)
+        )
+    more = [one for one in findings if one.code not in known]
+    return replace(tuned, reasons=(*tuned.reasons, *more)) if more else tuned
 
 
 def _words(values: dict[str, float]) -> str:
     return " and ".join(f"{name} {value:g}" for name, value in values.items())
-
-
-def _ends(values: dict[str, float]) -> str:
-    return " and ".join(f"{value:g}" for value in values.values())

@@ -181,7 +181,10 @@ def _both(now: Plant, earlier: Plant) -> _Both:
     drawn, others = _numbers(now), _numbers(earlier)
     told = np.flatnonzero((np.std(drawn[1:], axis=0) > 0.0) & (np.std(others[1:], axis=0) > 0.0))
     scale = np.std(drawn[1:, told], axis=0)
-    spread = np.diag(2.0 * (_between_flights(drawn[0])[told] / scale) ** 2)
+    # What differs between flights of one vehicle, of each of the five numbers.
+    effectiveness, damping = abs(drawn[0, 0]), abs(drawn[0, 1])
+    half_widths = [EFFECTIVENESS_SPREAD * effectiveness, DAMPING_SPREAD * damping, 0.0, TIME_SPREAD_S, 0.0]
+    spread = np.diag(2.0 * ((np.array(half_widths) / NORMAL_95)[told] / scale) ** 2)
     return _Both(told, scale, _drawn(drawn[:, told] / scale), _drawn(others[:, told] / scale), spread)
 
 
@@ -218,7 +221,19 @@ def _together(now: Plant, earlier: Plant) -> Plant:
     found[0, told] += scale * (gain @ (old.estimate - new.estimate))
     centred = drawn[1:, told] / scale - new.mean
     found[1:, told] = scale * (new.mean + gain @ difference + centred @ narrower.T)
-    return _plant(found, now)
+    # With signs as they were drawn before.
+    effectiveness, damping, lag_s, delay_s, lead_s = found.T
+    least = 0.5 * float(np.min(now.effectiveness))
+    if np.all(now.damping <= 0.0):
+        damping = np.minimum(damping, 0.0)
+    lowest_s = min(float(np.min(now.delay_s)), 0.0)
+    return now._replace(
+        effectiveness=np.maximum(effectiveness, least),
+        damping=damping,
+        lag_s=np.maximum(lag_s, 0.0),
+        delay_s=np.maximum(delay_s, lowest_s),
+        lead_s=lead_s,
+    )
 
 
 def _fused(
@@ -242,26 +257,3 @@ def _drawn(numbers: FloatArray) -> _Drawn:
     drawn = numbers[1:]
     covariance = np.atleast_2d(np.cov(drawn.T)) + _ROUNDING * np.eye(drawn.shape[1])
     return _Drawn(numbers[0], drawn.mean(axis=0), np.asarray(covariance, dtype=np.float64))
-
-
-def _between_flights(estimate: FloatArray) -> FloatArray:
-    """Return standard deviations of what differs between flights of one vehicle, (5,)."""
-    effectiveness, damping = abs(estimate[0]), abs(estimate[1])
-    half_widths = [EFFECTIVENESS_SPREAD * effectiveness, DAMPING_SPREAD * damping, 0.0, TIME_SPREAD_S, 0.0]
-    return np.array(half_widths) / NORMAL_95
-
-
-def _plant(numbers: FloatArray, before: Plant) -> Plant:
-    """Return plants of numbers (n_plants, 5), with signs as they were drawn before."""
-    effectiveness, damping, lag_s, delay_s, lead_s = numbers.T
-    least = 0.5 * float(np.min(before.effectiveness))
-    if np.all(before.damping <= 0.0):
-        damping = np.minimum(damping, 0.0)
-    lowest_s = min(float(np.min(before.delay_s)), 0.0)
-    return before._replace(
-        effectiveness=np.maximum(effectiveness, least),
-        damping=damping,
-        lag_s=np.maximum(lag_s, 0.0),
-        delay_s=np.maximum(delay_s, lowest_s),
-        lead_s=lead_s,
-    )

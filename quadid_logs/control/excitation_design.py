@@ -146,7 +146,6 @@ class _Answers(NamedTuple):
     loop: ComplexArray
     torque: ComplexArray
     rate: ComplexArray
-    entry: Entry
 
 
 def design(
@@ -186,7 +185,15 @@ def design(
         The gentlest of the shortest sweeps that reach what is wanted; where none does, the strongest of the
         longest, which promises less. None where the loop has no crossover, or the sweep would not reach it.
     """
-    answers = _answers(controller, plant, entry)
+    frequency_hz = grid_hz(controller.period_s)
+    closed = close(controller, plant, frequency_hz)
+    loop = (closed.rate if closed.full is None else closed.full)[0]
+    if entry == "mixer":
+        torque = 1.0 / (1.0 + loop)
+    else:
+        torque = forward_filters(controller, frequency_hz) / (1.0 + closed.rate[0])
+    rate = torque * plant.response(frequency_hz, controller.period_s)[0]
+    answers = _Answers(frequency_hz, loop, torque, rate)
     if lead_lag_hz is not None:
         pole, zero = (1.0 + 1j * answers.frequency_hz / corner for corner in lead_lag_hz)
         answers = answers._replace(torque=answers.torque * zero / pole, rate=answers.rate * zero / pole)
@@ -197,14 +204,23 @@ def design(
     stop_hz = min(stop_hz, most_hz)
     if stop_hz < 2.0 * start_hz:
         return None
-    peaks = _peaks(answers, start_hz, stop_hz)
+    inside = (frequency_hz >= start_hz) & (frequency_hz <= stop_hz)
+    turned = answers.rate / (2j * np.pi * frequency_hz)
+    peaks = [float(np.abs(each[inside]).max()) for each in (answers.torque, answers.rate, turned)]
+    if entry == "mixer":
+        # What is added at the mixer is the mixer's, too, where the loop takes from it.
+        peaks[0] = max(peaks[0], 1.0)
     most = min(limit / peak for limit, peak in zip(LIMITS[number], peaks, strict=True))
 
     def promised(magnitude: float, record_s: float) -> float:
         return half_width(plant, answers, air, Chirp(start_hz, stop_hz, magnitude, record_s))
 
     magnitude, record_s = _least(promised, _rounded_down(most), wanted)
-    moving = _LEAST_RATE_RAD_S / _rate_rms(answers, air, Chirp(start_hz, stop_hz, 1.0, record_s))
+    # The rate during a sweep of one unit, as far as it is fitted.
+    energy = Chirp(start_hz, stop_hz, 1.0, record_s).energy(frequency_hz)
+    s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
+    power = energy * np.abs(answers.rate) ** 2 * gaussian_response(s, air.fitted_hz) ** 2
+    moving = _LEAST_RATE_RAD_S / math.sqrt(float(np.trapezoid(power, frequency_hz)) / record_s)
     magnitude = min(max(magnitude, _rounded_up(moving)), _rounded_down(most))
     torque, rate, angle = (magnitude * peak for peak in peaks)
     return AxisExcitation(
@@ -300,7 +316,9 @@ def half_width(plant: Plant, answers: _Answers, air: Air, chirp: Chirp) -> float
         for weight in (energy * fitted, energy * fitted**2 * noise)
     )
     typical = np.trapezoid(noise * fitted, f) / np.trapezoid(fitted, f)
-    known_before = np.diag([0.0, *(typical / spread**2 for spread in _known_before(plant))])
+    # How well damping, lag and delay are known before a flight, in standard deviations.
+    before = (max(2.0, abs(float(plant.damping[0]))), 0.7 * max(float(plant.lag_s[0]), 0.01), 0.01)
+    known_before = np.diag([0.0, *(typical / spread**2 for spread in before)])
     inverse = np.linalg.pinv(information + known_before, hermitian=True)
     # What is known before has its own part in the variance, as a measurement would.
     variance = (inverse @ (scatter + typical * known_before) @ inverse)[0, 0]
@@ -310,47 +328,11 @@ def half_width(plant: Plant, answers: _Answers, air: Air, chirp: Chirp) -> float
     return float(np.hypot(NORMAL_95 * math.sqrt(max(variance, 0.0)), GYRO_SYSTEMATIC))
 
 
-def _known_before(plant: Plant) -> tuple[float, float, float]:
-    """Return how well damping, lag and delay are known before a flight, in standard deviations."""
-    return max(2.0, abs(float(plant.damping[0]))), 0.7 * max(float(plant.lag_s[0]), 0.01), 0.01
-
-
 def _to_integrate(columns: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
     """Return rows weighted by the trapezoidal rule."""
     width = np.diff(frequency_hz)
     weight = 0.5 * (np.append(width, 0.0) + np.insert(width, 0, 0.0))
     return columns * weight[:, np.newaxis]
-
-
-def _answers(controller: AxisController, plant: Plant, entry: Entry) -> _Answers:
-    """Return what the vehicle in its loop does with a unit of a sweep."""
-    frequency_hz = grid_hz(controller.period_s)
-    closed = close(controller, plant, frequency_hz)
-    loop = (closed.rate if closed.full is None else closed.full)[0]
-    if entry == "mixer":
-        torque = 1.0 / (1.0 + loop)
-    else:
-        torque = forward_filters(controller, frequency_hz) / (1.0 + closed.rate[0])
-    rate = torque * plant.response(frequency_hz, controller.period_s)[0]
-    return _Answers(frequency_hz, loop, torque, rate, entry)
-
-
-def _peaks(answers: _Answers, start_hz: float, stop_hz: float) -> tuple[float, float, float]:
-    """Return the largest torque, rate [rad/s] and angle [rad] of a sweep of one unit."""
-    f = answers.frequency_hz
-    inside = (f >= start_hz) & (f <= stop_hz)
-    angle = answers.rate / (2j * np.pi * f)
-    torque, rate, tilt = (float(np.abs(each[inside]).max()) for each in (answers.torque, answers.rate, angle))
-    # What is added at the mixer is the mixer's, too, where the loop takes from it.
-    return max(torque, 1.0) if answers.entry == "mixer" else torque, rate, tilt
-
-
-def _rate_rms(answers: _Answers, air: Air, chirp: Chirp) -> float:
-    """Return the root mean square of the rate during a sweep, as far as it is fitted [rad/s]."""
-    s = np.asarray(2j * np.pi * answers.frequency_hz, dtype=np.complex128)
-    fitted = gaussian_response(s, air.fitted_hz) ** 2
-    power = chirp.energy(answers.frequency_hz) * np.abs(answers.rate) ** 2 * fitted
-    return math.sqrt(float(np.trapezoid(power, answers.frequency_hz)) / chirp.record_s)
 
 
 def _least(promised: Callable[[float, float], float], most: float, wanted: float) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from types import MappingProxyType
 from typing import Final, NamedTuple, Protocol
 
@@ -163,17 +164,29 @@ class _Design:
 
     def found(self, *, shared: bool) -> tuple[Changes, ...]:
         """Return the settings, in the order in which they matter: notches, low-passes of all, of each."""
-        begin = self._as_flown()
-        if begin is None:
-            return ()
-        state = begin
+        found = {}
+        for axis, one in self._axes.items():
+            best = one.best()
+            if best is None:
+                return ()
+            found[axis] = best[0].told_of(best[1])
+        self._begin = found
+        state = begin = _State(found=found)
         if shared:
-            state = self._chosen(state, self._notched(state))
+            notched = [
+                replace(begin, shared={**begin.shared, **notches}) for notches in self._choices.notches
+            ]
+            state = self._chosen(begin, (self._with(one, tuple(self._axes)) for one in notched))
             for cutoffs in self._choices.shared:
                 state = self._chosen(state, self._scaled(state, cutoffs, _SCALES))
             if not any(notches.keys() <= state.shared.keys() for notches in self._choices.notches):
                 # A notch may let a low-pass be opened, which makes it worth its phase: both in one.
-                state = self._chosen(state, self._notched_and_scaled(begin))
+                scaled = (
+                    self._scaled(one, cutoffs, (1.41, 2.0))
+                    for one in notched
+                    for cutoffs in self._choices.shared
+                )
+                state = self._chosen(state, chain.from_iterable(scaled))
         for axis in self._axes:
             for cutoffs in self._choices.own.get(axis, ()):
                 state = self._chosen(state, self._scaled(state, cutoffs, _SCALES, axis))
@@ -183,34 +196,22 @@ class _Design:
         both = [state] if self._steadiest in (None, state) else [state, self._steadiest]
         return tuple(one for one in (self._worth(begin, each) for each in both) if one is not None)
 
-    def _as_flown(self) -> _State | None:
-        """Return the flown filters, with the best gains behind them."""
-        found = {}
-        for axis, one in self._axes.items():
-            best = one.best()
-            if best is None:
-                return None
-            found[axis] = best[0].told_of(best[1])
-        self._begin = found
-        return _State(found=found)
-
-    def _notched(self, state: _State) -> Iterator[_State | None]:
-        for notches in self._choices.notches:
-            yield self._with(replace(state, shared={**state.shared, **notches}), tuple(self._axes))
-
-    def _notched_and_scaled(self, state: _State) -> Iterator[_State | None]:
-        for notches in self._choices.notches:
-            notched = replace(state, shared={**state.shared, **notches})
-            for cutoffs in self._choices.shared:
-                yield from self._scaled(notched, cutoffs, (1.41, 2.0))
-
     def _scaled(
         self, state: _State, cutoffs: Cutoffs, scales: Sequence[float], axis: str = ""
     ) -> Iterator[_State | None]:
         """Yield the state with cut-offs times each scale but one, of all axes or of one."""
         before = state.own.get(axis, {}) if axis else state.shared
         for scale in scales:
-            changed = {name: self._scaled_hz(name, ends, scale, before) for name, ends in cutoffs.items()}
+            # Within the firmware's range, and half to twice the flown one.
+            changed = {}
+            for name, ends in cutoffs.items():
+                flown = self._parameters[name]
+                low, high = (
+                    max(min(ends[0], flown), _SCALES[0] * flown),
+                    min(max(ends[1], flown), _SCALES[-1] * flown),
+                )
+                wanted = float(np.clip(scale * before.get(name, flown), low, high))
+                changed[name] = flown if abs(wanted / flown - 1.0) < _NO_WORSE else written_hz(wanted)
             # What is as flown is no change.
             kept = {name: one for name, one in before.items() if name not in changed}
             values = kept | {name: one for name, one in changed.items() if one != self._parameters[name]}
@@ -218,18 +219,6 @@ class _Design:
                 yield self._with(replace(state, own={**state.own, axis: values}), (axis,))
             else:
                 yield self._with(replace(state, shared=values), tuple(self._axes))
-
-    def _scaled_hz(
-        self, name: str, ends: tuple[float, float], scale: float, before: Mapping[str, float]
-    ) -> float:
-        """Return a cut-off times a scale, within the firmware's range and half to twice the flown one."""
-        flown = self._parameters[name]
-        low, high = (
-            max(min(ends[0], flown), _SCALES[0] * flown),
-            min(max(ends[1], flown), _SCALES[-1] * flown),
-        )
-        wanted = float(np.clip(scale * before.get(name, flown), low, high))
-        return flown if abs(wanted / flown - 1.0) < _NO_WORSE else written_hz(wanted)
 
     def _with(self, state: _State, axes: Sequence[str]) -> _State | None:
         """Return the state with the best gains behind its filters; None where some axis has none."""
@@ -240,33 +229,19 @@ class _Design:
                 found[axis] = self._begin[axis]
                 continue
             search = self._axes[axis].filtered(filters)
-            if search is None or any(_raises(search, line_hz) for line_hz in self._still_hz):
+            if search is None:
+                return None
+            # At a line that may be a mode of the frame, filters that raise the loop could close it.
+            passed = (search.passes(line_hz) for line_hz in self._still_hz)
+            if any(more > _AT_LINES and loop * _MODE_PEAK > 1.0 for more, loop in passed):
                 return None
             found[axis] = search.quick(state.found[axis].factors)
             if found[axis].missing == 0.0:
                 self._trials[axis].append(self._trial(axis, found[axis], search.phase_lost_deg()))
         return replace(state, found=found)
 
-    def _cutoffs(self) -> Iterator[Cutoffs]:
-        yield from self._choices.shared
-        for each in self._choices.own.values():
-            yield from each
-
     def _trial(self, axis: str, found: Quick, phase_deg: float) -> FilterTrial:
         return FilterTrial(phase_deg, found.noise * self._axes[axis].too_noisy, found.cost)
-
-    def _all_trials(self, begin: _State, state: _State) -> dict[str, tuple[FilterTrial, ...]]:
-        """Return what was looked at, the flown setting first and the chosen one last."""
-        told = {}
-        for axis, one in self._axes.items():
-            chosen = one.filtered({**state.shared, **state.own.get(axis, {})})
-            if chosen is not None and math.isfinite(one.too_noisy):
-                ends = (
-                    self._trial(axis, begin.found[axis], 0.0),
-                    self._trial(axis, state.found[axis], chosen.phase_lost_deg()),
-                )
-                told[axis] = (ends[0], *self._trials[axis], ends[1])
-        return told
 
     def _value(self, axis: str, found: Quick) -> float:
         """Return what is to be small: gusts, what is missing of limits, and noise beyond what is accepted."""
@@ -320,17 +295,21 @@ class _Design:
         if lost or not (min(better.values()) < -_WORTH or quieter < -_WORTH * len(better)):
             return None
         both = [(axis, found, begin.found[axis]) for axis, found in state.found.items()]
+        # What was looked at, the flown setting first and the chosen one last.
+        trials = {}
+        for axis, one in self._axes.items():
+            chosen = one.filtered({**state.shared, **state.own.get(axis, {})})
+            if chosen is not None and math.isfinite(one.too_noisy):
+                first = self._trial(axis, begin.found[axis], 0.0)
+                last = self._trial(axis, state.found[axis], chosen.phase_lost_deg())
+                trials[axis] = (first, *self._trials[axis], last)
         return Changes(
             shared=state.shared,
             own={axis: one for axis, one in state.own.items() if one},
             cost={axis: new.cost / old.cost for axis, new, old in both},
             noise={axis: new.noise / old.noise for axis, new, old in both},
-            cutoffs=frozenset(name for one in self._cutoffs() for name in one),
-            trials=self._all_trials(begin, state),
+            cutoffs=frozenset(
+                name for one in chain(self._choices.shared, *self._choices.own.values()) for name in one
+            ),
+            trials=trials,
         )
-
-
-def _raises(search: SeparateGains, line_hz: float) -> bool:
-    """Tell whether filters raise the loop at a line that may be a mode of the frame, and could close it."""
-    more, loop = search.passes(line_hz)
-    return more > _AT_LINES and loop * _MODE_PEAK > 1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
@@ -46,6 +46,7 @@ def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
         versions = {"firmware": controllers.firmware, "version_read": controllers.version_note}
         yield finding("QL606", "info", versions)
     disagreeing = {axis: both for axis, found in loop.axes.items() if (both := _disagreement(found))}
+    unchecked, partly, extrapolated = [], [], []
     for axis, found in loop.axes.items():
         disagreement = _of_two_gains(axis, disagreeing) if axis in disagreeing else None
         for one in (_not_replayed(axis, found), _margin(axis, found), disagreement, _line(axis, found)):
@@ -53,14 +54,21 @@ def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
                 yield one
         if found.contradicted:
             yield finding("QL603", "warning", {}, axes=(axis,))
-    unchecked = [axis for axis, found in loop.axes.items() if _unchecked(found)]
+        replay, margins = found.replay, outermost(found)
+        if found.margins is not None and replay is not None:
+            # The log could not be held against the controller, or the replay took some terms as logged.
+            if replay.reason is not None and replay.reason.tells_nothing:
+                unchecked.append(axis)
+            if replay.agrees and replay.as_logged:
+                partly.append((axis, replay.as_logged))
+        if margins is not None and margins.extrapolated and not found.contradicted:
+            extrapolated.append(axis)
     if unchecked:
         title = "The log does not show whether the controller flew with the logged parameters"
         yield finding("QL604", "info", {}, axes=unchecked, title=title)
-    partly = [axis for axis, found in loop.axes.items() if _partly(found)]
     if partly:
-        yield finding("QL642", "info", {"terms_as_logged": _as_logged(loop, partly)}, axes=partly)
-    extrapolated = [axis for axis, found in loop.axes.items() if _extrapolated(found)]
+        terms = list(dict.fromkeys(term for _, as_logged in partly for term in as_logged))
+        yield finding("QL642", "info", {"terms_as_logged": terms}, axes=[axis for axis, _ in partly])
     if extrapolated:
         known_hz = [rounded(loop.axes[axis].known_hz, 3) for axis in extrapolated]
         known = {"known_to_hz": known_hz, "phase_allowed_deg": rounded(MOST_UNMODELLED_DEG, 2)}
@@ -79,7 +87,7 @@ def _line(axis: str, found: AxisLoop) -> Finding | None:
         "probability_of_none": rounded(frame.absent, 2),
     }
     if gain is not None:
-        evidence["gain_margin_db"] = _evidence(gain)
+        evidence["gain_margin_db"] = as_evidence(gain)
     low = gain is not None and gain.ci95[0] < GOOD.gain_db
     line = f"{rounded(frame.line_hz, 3):g} Hz about {axis}"
     advice = (
@@ -94,30 +102,6 @@ def _line(axis: str, found: AxisLoop) -> Finding | None:
             "put a notch there if a log at the rate of the loop shows the line, too."
         )
     return finding("QL607", "warning" if low else "info", evidence, axes=(axis,), advice=advice)
-
-
-def _extrapolated(found: AxisLoop) -> bool:
-    margins = outermost(found)
-    return margins is not None and margins.extrapolated and not found.contradicted
-
-
-def _unchecked(found: AxisLoop) -> bool:
-    """Say whether margins are told of a controller that the log could not be held against."""
-    replay = found.replay
-    reason = None if replay is None else replay.reason
-    return found.margins is not None and reason is not None and reason.tells_nothing
-
-
-def _partly(found: AxisLoop) -> bool:
-    """Say whether margins are told of a controller of which the replay took some terms as logged."""
-    replay = found.replay
-    return found.margins is not None and replay is not None and replay.agrees and bool(replay.as_logged)
-
-
-def _as_logged(loop: ClosedLoop, axes: Sequence[str]) -> list[str]:
-    """Return the terms that the replay of some axes took as logged."""
-    replays = (loop.axes[axis].replay for axis in axes)
-    return list(dict.fromkeys(term for one in replays if one is not None for term in one.as_logged))
 
 
 def _not_replayed(axis: str, found: AxisLoop) -> Finding | None:
@@ -144,7 +128,7 @@ def _margin(axis: str, found: AxisLoop) -> Finding | None:
     close = room <= Room.POOR
     title = _TITLES[room].format(axis=axis, Axis=axis.capitalize())
     evidence: dict[str, object] = {
-        name: _evidence(each) for name, (each, _) in figures(margins).items() if each is not None
+        name: as_evidence(each) for name, (each, _) in figures(margins).items() if each is not None
     }
     if not margins.stable:
         evidence = {"stable_fraction": rounded(margins.stable_fraction)}
@@ -158,8 +142,17 @@ def _margin(axis: str, found: AxisLoop) -> Finding | None:
     )
 
 
-def _evidence(figure: Estimated) -> dict[str, object]:
-    """Return a figure and its interval, each by its name."""
+def as_evidence(figure: Estimated) -> dict[str, object]:
+    """Return a figure and its interval, each by its name.
+
+    Parameters
+    ----------
+    figure : Estimated
+
+    Returns
+    -------
+    dict
+    """
     return {"value": rounded(figure.value, 3), "ci95": [rounded(end, 3) for end in figure.ci95]}
 
 
@@ -176,7 +169,7 @@ def _disagreement(found: AxisLoop) -> tuple[Estimated, Estimated] | None:
 
 def _of_two_gains(axis: str, disagreeing: Mapping[str, tuple[Estimated, Estimated]]) -> Finding:
     """Return the finding about an axis; all share their advice, which names them: it is read apart."""
-    first, second = (_evidence(each) for each in disagreeing[axis])
+    first, second = (as_evidence(each) for each in disagreeing[axis])
     *others, last = disagreeing
     named = f"{', '.join(others)} and {last}" if others else last
     advice = f"Check that no gain of {named} was changed in flight, and fly the manoeuvres again in calm air."

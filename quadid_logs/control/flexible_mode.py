@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.control.frequency_response import BAND_WIDTH, MOST_OF_RATE, Response, distances
 from quadid_logs.control.loop import close, gyro_filters, rate_loop
 from quadid_logs.control.margins import fine_grid_hz
@@ -149,16 +149,27 @@ def frame_modes(
     FrameModes or None
         None where the loop has no frequencies for any.
     """
-    wanted = _candidates(controller, fitted_hz, known_hz)
-    if wanted is None:
+    low_hz, high_hz = (
+        max(_ABOVE_FITTED * fitted_hz, known_hz, _LOWEST_HZ),
+        min(_HIGHEST_HZ, 0.45 / controller.period_s),
+    )
+    if not low_hz < high_hz:
         return None
+    natural_hz = np.geomspace(low_hz, high_hz, int(np.log(high_hz / low_hz) / _STEP) + 2)
+    wanted = _Candidates(natural_hz, *_kinds())
+
     noise = _noise(data, number, controller, estimate, fitted_hz)
     gained = _log_likelihood(noise, wanted, controller, estimate)
     if measured is not None:
         gained = gained - np.tile(_ruled_out(wanted, measured), len(_OF_AIR))
     modes, absent = _weighed(wanted, gained, (controller, estimate), n)
     seen = absent < _SEEN
-    line_hz, height = _highest(noise, float(modes.natural_hz[0])) if seen else (np.nan, np.nan)
+    line_hz, height = np.nan, np.nan
+    if seen and noise is not None:
+        near = np.abs(np.log(noise.frequency_hz / float(modes.natural_hz[0]))) < np.log(_NEAR)
+        if near.any():
+            place = int(np.argmax(np.where(near, _over_none(noise), 0.0)))
+            line_hz, height = float(noise.frequency_hz[place]), float(noise.relative[place])
     return FrameModes(
         modes=modes,
         seen=seen,
@@ -225,23 +236,38 @@ def _weighed(
     wanted: _Candidates, gained: FloatArray, loop: tuple[AxisController, Plant], n: int
 ) -> tuple[Modes, float]:
     """Draw modes by what they explain, that of the estimate first; and the probability that there is none."""
-    bands = _bands(wanted.natural_hz, gained)
+    # In each band a mode is looked for alone: a frame has several, and what explains one part of a spectrum
+    # rules out none in another. But what stands beside a line is measured against surroundings with the line
+    # in them: that makes one band.
+    octave = np.log2(wanted.natural_hz / wanted.natural_hz[0])
+    line = octave[int(np.argmax(gained.max(axis=1)))]
+    near = np.abs(octave - line) <= np.log2(_BESIDE)
+    seen = 1.0 - _present(gained[near], wanted.natural_hz.size) < _SEEN
+    number = np.where(near & seen, -1, np.floor(octave / _BAND_OCTAVES).astype(np.int64))
+    bands = [np.flatnonzero(number == one) for one in np.unique(number)]
     present = np.array([_present(gained[band], wanted.natural_hz.size) for band in bands])
     absent = float(np.prod(1.0 - present))
     random = np.random.default_rng(_SEED)
-    drawn = [_drawn(wanted, gained, band, loop, n, random) for band in bands]
+    # Of each band, several modes for each that is wanted, with which the vehicle could have flown.
+    drawn = []
+    for band in bands:
+        weight = np.cumsum(np.exp(gained[band] - gained[band].max()).ravel())
+        picked = np.searchsorted(weight, weight[-1] * _even(_SPARE_DRAWS * n, random), side="right")
+        place, mode = np.divmod(picked, gained.shape[1])
+        kind = np.mod(mode, wanted.gain.size)
+        # Somewhere between their neighbours in frequency.
+        natural_hz = wanted.natural_hz[band[place]] * np.exp(_STEP * random.uniform(-0.5, 0.5, picked.size))
+        modes = Modes(natural_hz, wanted.damping_ratio[kind], wanted.gain[kind])
+        used = _gain_used(modes, *loop)
+        flies = np.flatnonzero(used < 1.0)
+        if not flies.size:
+            none = np.zeros(1 + picked.size, dtype=np.int64)
+            drawn.append(_Drawn(modes.at(none)._replace(gain=np.zeros(none.size)), used[none]))
+        else:
+            middle = flies[np.argsort(used[flies])[flies.size // 2]]
+            taken = np.append(middle, np.resize(flies, picked.size))
+            drawn.append(_Drawn(modes.at(taken), used[taken]))
     return _most_of(drawn, present, absent < _SEEN, random, n), absent
-
-
-def _candidates(controller: AxisController, fitted_hz: float, known_hz: float) -> _Candidates | None:
-    low_hz, high_hz = (
-        max(_ABOVE_FITTED * fitted_hz, known_hz, _LOWEST_HZ),
-        min(_HIGHEST_HZ, 0.45 / controller.period_s),
-    )
-    if not low_hz < high_hz:
-        return None
-    natural_hz = np.geomspace(low_hz, high_hz, int(np.log(high_hz / low_hz) / _STEP) + 2)
-    return _Candidates(natural_hz, *_kinds())
 
 
 def _kinds() -> tuple[FloatArray, FloatArray]:
@@ -441,7 +467,9 @@ def _log_likelihood(
     found = np.zeros((wanted.natural_hz.size, len(_OF_AIR), wanted.gain.size))
     if noise is None:
         return np.asarray(found.reshape(wanted.natural_hz.size, -1), dtype=np.float64)
-    fine_hz = _fine(noise)
+    step_hz = float(noise.frequency_hz[1] - noise.frequency_hz[0])
+    offset = np.arange(-2 * _FINE, (noise.relative.size + 2) * _FINE) / _FINE
+    fine_hz = np.asarray(np.maximum(noise.frequency_hz[0] + step_hz * offset, 0.1), dtype=np.float64)
     loop, taper = rate_loop(controller, estimate, fine_hz)[0], _taper()
     for place, natural_hz in enumerate(wanted.natural_hz.tolist()):
         first, last = np.searchsorted(noise.frequency_hz, (natural_hz / _NEAR, natural_hz * _NEAR)).tolist()
@@ -517,13 +545,6 @@ def _explained(
     return np.asarray(better @ noise.n_independent[lines], dtype=np.float64)
 
 
-def _fine(noise: _Noise) -> FloatArray:
-    """Return frequencies between the lines of a spectrum, from two lines before to two behind."""
-    step_hz = float(noise.frequency_hz[1] - noise.frequency_hz[0])
-    offset = np.arange(-2 * _FINE, (noise.relative.size + 2) * _FINE) / _FINE
-    return np.asarray(np.maximum(noise.frequency_hz[0] + step_hz * offset, 0.1), dtype=np.float64)
-
-
 def _taper() -> FloatArray:
     """Return what a line of a tapered window (Hann) holds of a fine spectrum that begins two lines before.
 
@@ -544,21 +565,6 @@ def _tapered(fine: FloatArray, taper: FloatArray) -> FloatArray:
     return np.asarray(sum(parts[:, part : part + n_lines, part] for part in range(n_parts)))
 
 
-def _bands(natural_hz: FloatArray, gained: FloatArray) -> list[IntArray]:
-    """Return the numbers of the frequencies by band, in each of which a mode is looked for alone.
-
-    A frame has several modes, and what explains one part of a spectrum rules out none in another. But what
-    stands beside a line is measured against surroundings with the line in them: that makes one band.
-    """
-    octave = np.log2(natural_hz / natural_hz[0])
-    line = octave[int(np.argmax(gained.max(axis=1)))]
-    near = np.abs(octave - line) <= np.log2(_BESIDE)
-    seen = 1.0 - _present(gained[near], natural_hz.size) < _SEEN
-    band = np.floor(octave / _BAND_OCTAVES).astype(np.int64)
-    band = np.where(near & seen, -1, band)
-    return [np.flatnonzero(band == one) for one in np.unique(band)]
-
-
 def _present(gained: FloatArray, n_frequencies: int) -> float:
     """Return the probability that there is a mode in a band, by how much one explains the spectrum."""
     most = max(float(gained.max()), 0.0)
@@ -572,32 +578,6 @@ class _Drawn(NamedTuple):
 
     modes: Modes
     used: FloatArray
-
-
-def _drawn(
-    wanted: _Candidates,
-    gained: FloatArray,
-    band: IntArray,
-    loop: tuple[AxisController, Plant],
-    n: int,
-    random: np.random.Generator,
-) -> _Drawn:
-    """Draw modes of one band with which the vehicle could have flown; that of the estimate first.
-
-    Several for each of the ``n`` that are wanted.
-    """
-    weight = np.cumsum(np.exp(gained[band] - gained[band].max()).ravel())
-    picked = np.searchsorted(weight, weight[-1] * _even(_SPARE_DRAWS * n, random), side="right")
-    place, kind = np.divmod(picked, gained.shape[1])
-    modes = _of_numbers(wanted, band[place], kind, random.uniform(-0.5, 0.5, picked.size))
-    used = _gain_used(modes, *loop)
-    flies = np.flatnonzero(used < 1.0)
-    if not flies.size:
-        none = np.zeros(1 + picked.size, dtype=np.int64)
-        return _Drawn(_without(modes.at(none)), used[none])
-    middle = flies[np.argsort(used[flies])[flies.size // 2]]
-    taken = np.append(middle, np.resize(flies, picked.size))
-    return _Drawn(modes.at(taken), used[taken])
 
 
 def _even(n: int, random: np.random.Generator) -> FloatArray:
@@ -649,26 +629,3 @@ def _gain_used(modes: Modes, controller: AxisController, estimate: Plant) -> Flo
     used = np.zeros(modes.gain.size)
     np.maximum.at(used, row, -(first.real + place * (second.real - first.real)))
     return used
-
-
-def _of_numbers(wanted: _Candidates, place: IntArray, kind: IntArray, aside: FloatArray) -> Modes:
-    """Return the modes of these numbers, somewhere between their neighbours in frequency."""
-    kind = np.mod(kind, wanted.gain.size)
-    return Modes(
-        wanted.natural_hz[place] * np.exp(_STEP * aside), wanted.damping_ratio[kind], wanted.gain[kind]
-    )
-
-
-def _without(modes: Modes) -> Modes:
-    return modes._replace(gain=np.zeros_like(modes.gain))
-
-
-def _highest(noise: _Noise | None, natural_hz: float) -> tuple[float, float]:
-    """Return where the line of a mode stands, and its power over that of its surroundings."""
-    if noise is None:
-        return float("nan"), float("nan")
-    near = np.abs(np.log(noise.frequency_hz / natural_hz)) < np.log(_NEAR)
-    if not near.any():
-        return float("nan"), float("nan")
-    place = int(np.argmax(np.where(near, _over_none(noise), 0.0)))
-    return float(noise.frequency_hz[place]), float(noise.relative[place])

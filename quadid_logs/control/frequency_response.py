@@ -7,7 +7,6 @@ was fitted to, wherever they have enough power.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -121,37 +120,29 @@ def lines_of(
         None where no segment with set-points is as long as a window.
     """
     n_samples = round(WINDOW_S / data.sample_period_s)
-    windows = [
-        columns[first : first + n_samples]
-        for segment in data.segments
-        for columns in _columns(segment, data, axis, actuator)
-        for first in range(0, segment.n_samples - n_samples + 1, n_samples // 2)
-    ]
+    windows: list[FloatArray] = []
+    for segment in data.segments:
+        if segment.reference is None:
+            continue
+        chirp = segment.reference[:, 3] if segment.reference.shape[1] > 3 else np.zeros(segment.n_samples)
+        acting = acting_torque(segment, data, actuator)[:, axis]
+        rate = segment.body_rate_rad_s[:, axis]
+        columns = np.column_stack([segment.reference[:, axis], segment.torque[:, axis], acting, rate, chirp])
+        begins = range(0, segment.n_samples - n_samples + 1, n_samples // 2)
+        windows += [columns[first : first + n_samples] for first in begins]
     if not windows:
         return None
     s = angular_frequency(n_samples, data.sample_period_s)
     spectra = tapered_spectra(np.stack(windows))
-    chirp = spectra[..., 4] * np.exp(-s * chirp_delay_s)
+    injected = spectra[..., 4] * np.exp(-s * chirp_delay_s)
     return Lines(
         frequency_hz=above_zero(s.imag / (2.0 * np.pi)),
         setpoint=spectra[..., 0],
         torque=spectra[..., 1],
         acting=spectra[..., 2],
         rate=spectra[..., 3],
-        chirp=chirp if np.abs(chirp).any() else None,
+        chirp=injected if np.abs(injected).any() else None,
     )
-
-
-def _columns(
-    segment: Segment, data: FlightData, axis: int, actuator: Actuator | None
-) -> Iterator[FloatArray]:
-    """Yield what windows are cut from, where the segment has set-points; (n_samples, 5)."""
-    if segment.reference is None:
-        return
-    chirp = segment.reference[:, 3] if segment.reference.shape[1] > 3 else np.zeros(segment.n_samples)
-    acting = acting_torque(segment, data, actuator)[:, axis]
-    rate = segment.body_rate_rad_s[:, axis]
-    yield np.column_stack([segment.reference[:, axis], segment.torque[:, axis], acting, rate, chirp])
 
 
 def above_zero(frequency_hz: NDArray[np.floating]) -> FloatArray:

@@ -101,18 +101,6 @@ def obstacles(case: Case) -> Iterator[Finding]:
         yield _refusal("QL623", case, {"logs": case.n_pooled})
     if case.differ:
         yield _refusal("QL626", case, {"logs": list(case.differ)})
-    for check in (_verdict, _controller, _version, _changed, _replay, _limits, _mode, _loop):
-        yield from check(case)
-
-
-def _refusal(
-    code: str, case: Case, evidence: Mapping[str, object], title: str = "", advice: str = ""
-) -> Finding:
-    return finding(code, "warning", evidence, axes=(case.axis,), title=title, advice=advice)
-
-
-def _verdict(case: Case) -> Iterator[Finding]:
-    """Yield that the analysis does not call the axis usable, and why its loop is not known all the same."""
     verdict = case.diagnosis.axes.get(case.axis)
     by_earlier = case.found is not None and case.found.by_earlier
     if verdict is None or not (verdict.verdict == "usable" or has_only_caveats(case) or by_earlier):
@@ -124,6 +112,29 @@ def _verdict(case: Case) -> Iterator[Finding]:
             title = f"{_VERDICTS[verdict.verdict]}: {verdict.sentence.rstrip('.')} [{codes}]"
         steps = next_steps((case.log, one) for one in to_a_usable_axis(case.diagnosis, case.axis))
         yield _refusal("QL615", case, told, title, advice=" ".join(steps))
+    yield from _controller(case)
+    if case.controllers is not None and case.controllers.version_read == "unknown":
+        yield _refusal("QL621", case, {"law_of_version": case.controllers.version_note})
+    # The vehicle holds other gains than those that flew.
+    shaping = () if case.controller is None else (*case.controller.gains, *case.names.scaled)
+    at_end = case.log.parameters
+    other = [name for name in dict.fromkeys(shaping) if at_end.get(name) != case.parameters.get(name)]
+    if other:
+        yield _refusal("QL622", case, {"parameters": other})
+    yield from _replay(case)
+    if case.limited_fraction > MOST_SATURATED:
+        yield _refusal("QL617", case, {"fraction_at_limits": rounded(case.limited_fraction)})
+    # A flexible mode in what the model leaves of any axis: the frame is one.
+    mode = next((one for one in case.diagnosis.findings if one.code == "QL525"), None)
+    if mode is not None:
+        yield _refusal("QL619", case, {"axes": list(mode.axes), **mode.evidence})
+    yield from _loop(case)
+
+
+def _refusal(
+    code: str, case: Case, evidence: Mapping[str, object], title: str = "", advice: str = ""
+) -> Finding:
+    return finding(code, "warning", evidence, axes=(case.axis,), title=title, advice=advice)
 
 
 def has_only_caveats(case: Case) -> bool:
@@ -193,45 +204,21 @@ def _controller(case: Case) -> Iterator[Finding]:
             # The ground station was not sent them: the log on the card holds them all.
             todo = advice.logging(log.format, log.parameters, log.version)
         yield _refusal("QL611", case, {"parameters": missing[:8]}, advice=todo)
+    passed = case.data.gyro_filter
     for one in mine:
-        if one.kind is RemarkKind.NOTCH_UNKNOWN and not _logged_behind_filters(case):
+        # Rates that passed the loop's filters were delayed by a notch that nobody knows, too.
+        behind_filters = passed.low_pass_hz > 0.0 or passed.notches or passed.tracked
+        if one.kind is RemarkKind.NOTCH_UNKNOWN and not behind_filters:
             yield _refusal("QL620", case, dict(one.values))
         if one.kind is RemarkKind.ANGLE_LOOP_UNKNOWN:
             yield _refusal("QL643", case, dict(one.values))
-        if one.kind is RemarkKind.SLEW_LIMIT and not _logged_scale(case):
+        logged = (term for term in case.log.controller_terms if term.axis == case.axis)
+        if one.kind is RemarkKind.SLEW_LIMIT and not any("scale" in term.values for term in logged):
             yield _refusal("QL616", case, dict(one.values))
-    unknown = [name for name in case.names.scaled if not _positive_or_zero(case.parameters.get(name))]
+    # Missing, infinite, or no number, which is not larger than zero either.
+    unknown = [name for name in case.names.scaled if not 0.0 <= case.parameters.get(name, -1.0) < np.inf]
     if case.controller is not None and unknown:
         yield _refusal("QL611", case, {"parameters": unknown})
-
-
-def _logged_behind_filters(case: Case) -> bool:
-    """Tell whether the rates passed the loop's filters: a notch that nobody knows delays them, too."""
-    passed = case.data.gyro_filter
-    return passed.low_pass_hz > 0.0 or bool(passed.notches or passed.tracked)
-
-
-def _positive_or_zero(value: float | None) -> bool:
-    return value is not None and np.isfinite(value) and value >= 0.0
-
-
-def _logged_scale(case: Case) -> bool:
-    return any(one.axis == case.axis and "scale" in one.values for one in case.log.controller_terms)
-
-
-def _version(case: Case) -> Iterator[Finding]:
-    """Yield that nothing tells which law flew."""
-    if case.controllers is not None and case.controllers.version_read == "unknown":
-        yield _refusal("QL621", case, {"law_of_version": case.controllers.version_note})
-
-
-def _changed(case: Case) -> Iterator[Finding]:
-    """Yield that the vehicle holds other gains than those that flew."""
-    shaping = () if case.controller is None else (*case.controller.gains, *case.names.scaled)
-    at_end = case.log.parameters
-    other = [name for name in dict.fromkeys(shaping) if at_end.get(name) != case.parameters.get(name)]
-    if other:
-        yield _refusal("QL622", case, {"parameters": other})
 
 
 def _replay(case: Case) -> Iterator[Finding]:
@@ -252,21 +239,6 @@ def _replay(case: Case) -> Iterator[Finding]:
         yield _refusal("QL612", case, {"reason": reason, "parameter": replay.parameter})
 
 
-def _limits(case: Case) -> Iterator[Finding]:
-    """Yield that the axis was at the mixer's limits too often."""
-    fraction = case.limited_fraction
-    if fraction > MOST_SATURATED:
-        yield _refusal("QL617", case, {"fraction_at_limits": rounded(fraction)})
-
-
-def _mode(case: Case) -> Iterator[Finding]:
-    """Yield that a flexible mode was found in what the model leaves, of any axis: the frame is one."""
-    for one in case.diagnosis.findings:
-        if one.code == "QL525":
-            yield _refusal("QL619", case, {"axes": list(one.axes), **one.evidence})
-            return
-
-
 def _loop(case: Case) -> Iterator[Finding]:
     """Yield that the loop is contradicted by what was measured, or does not hold together."""
     if case.found is None or case.controller is None:
@@ -276,12 +248,8 @@ def _loop(case: Case) -> Iterator[Finding]:
     margins = case.found.margins
     if margins is None or case.plants is None:
         # None is closed around a refused model, nor with a controller that did not fly: QL615, QL612 say so.
-        if not (_is_refused(case) or disagrees(case.found.replay)):
+        verdict = case.diagnosis.axes.get(case.axis)
+        if not ((verdict is not None and verdict.verdict == "refused") or disagrees(case.found.replay)):
             yield _refusal("QL625", case, {})
     elif not all(one.stable for one in (margins.rate, margins.full) if one is not None):
         yield _refusal("QL625", case, {"stable": False})
-
-
-def _is_refused(case: Case) -> bool:
-    verdict = case.diagnosis.axes.get(case.axis)
-    return verdict is not None and verdict.verdict == "refused"

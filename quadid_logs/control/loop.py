@@ -172,7 +172,8 @@ class Paths:
 
     def _by_angle(self, forward: ComplexArray) -> ComplexArray:
         controller = self._controller
-        s, late_s = _laplace(self._frequency_hz), controller.angle_delay_steps * controller.period_s
+        s = np.asarray(2j * np.pi * self._frequency_hz, dtype=np.complex128)
+        late_s = controller.angle_delay_steps * controller.period_s
         gain_per_s = np.nan if controller.angle_gain_per_s is None else controller.angle_gain_per_s
         return np.asarray(forward * gain_per_s / s * delay_response(s, late_s), dtype=np.complex128)
 
@@ -220,7 +221,3 @@ def integrators(controller: AxisController) -> int:
     # Without an integral gain, the integrator's pole is there and a zero upon it.
     pole, zero = (abs(each.sum()) < _AT_ZERO * np.abs(each).sum() for each in (below, above))
     return int(pole and not zero)
-
-
-def _laplace(frequency_hz: FloatArray) -> ComplexArray:
-    return np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)

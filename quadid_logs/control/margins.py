@@ -147,7 +147,19 @@ def margins_of(
             scale(np.where(each.stable, getattr(each, name), np.nan if at_limit is None else at_limit))
             for each in (found, worse)
         ]
-        return _estimated(*sides)
+        values = sides[0]
+        if not np.isfinite(values[0]):
+            return None
+        # The quantiles of all and of the worse ones, as the nearest values: numpy.quantile takes as long as
+        # all figures of a loop.
+        ordered = (np.sort(each[~np.isnan(each)]) for each in sides)
+        limits = [
+            each[np.rint((each.size - 1) * np.array(ENDS_95)).astype(np.int64)]
+            for each in ordered
+            if each.size
+        ]
+        low, high = min(each[0] for each in limits), max(each[1] for each in limits)
+        return Estimated(float(values[0]), (float(min(low, values[0])), float(max(high, values[0]))))
 
     return Margins(
         stable=True,
@@ -170,22 +182,6 @@ def _same(values: FloatArray) -> FloatArray:
 
 def _decibel(factor: FloatArray) -> FloatArray:
     return np.asarray(20.0 * np.log10(factor))
-
-
-def _estimated(values: FloatArray, worse: FloatArray) -> Estimated | None:
-    """Return the first value with the quantiles of all and of the worse ones; None where it has none."""
-    if not np.isfinite(values[0]):
-        return None
-    kept = [each[~np.isnan(each)] for each in (values, worse)]
-    limits = [_nearest(each) for each in kept if each.size]
-    low, high = min(each[0] for each in limits), max(each[1] for each in limits)
-    return Estimated(float(values[0]), (float(min(low, values[0])), float(max(high, values[0]))))
-
-
-def _nearest(values: FloatArray) -> FloatArray:
-    """Return the values nearest to the quantiles; numpy.quantile takes as long as all figures of a loop."""
-    places = np.rint((values.size - 1) * np.array(ENDS_95)).astype(np.int64)
-    return np.asarray(np.sort(values)[places])
 
 
 class LoopFigures(NamedTuple):
@@ -246,7 +242,21 @@ def figures_and_worse(
     """
 
     def figures(curve: _Curve) -> LoopFigures:
-        return _figures(frequency_hz, curve, integrators, unstable_poles)
+        n_plants = curve.begins.size
+        stable = _stable(curve.begins, curve.ends, curve.crossings, integrators, unstable_poles)
+        crossover_hz, phase_rad, delay_s = _phase_margin(frequency_hz, curve.falls, n_plants, stable)
+        gain, oscillation_hz, gain_down = _gain_margins(frequency_hz, curve.crossings, n_plants)
+        return LoopFigures(
+            stable=stable,
+            crossover_hz=crossover_hz,
+            phase_margin_rad=phase_rad,
+            delay_margin_s=delay_s,
+            gain_margin=gain,
+            oscillation_hz=oscillation_hz,
+            gain_margin_down=gain_down,
+            disk_margin=2.0 / np.sqrt(1.0 - 4.0 * curve.ratio),
+            peak_sensitivity=1.0 / np.sqrt(curve.nearest),
+        )
 
     n_known = int(np.count_nonzero(frequency_hz <= known_hz))
     if n_known == frequency_hz.size:
@@ -327,26 +337,6 @@ def _by_row(one: _Crossings | _Falls, other: _Crossings | _Falls) -> Iterator[An
     """Yield each field of both, row after row, in a row those of the first part first."""
     order = np.argsort(np.concatenate([one.row, other.row]), kind="stable")
     return (np.concatenate(each)[order] for each in zip(one, other, strict=True))
-
-
-def _figures(
-    frequency_hz: FloatArray, curve: _Curve, integrators: int | IntArray, unstable_poles: BoolArray
-) -> LoopFigures:
-    n_plants = curve.begins.size
-    stable = _stable(curve.begins, curve.ends, curve.crossings, integrators, unstable_poles)
-    crossover_hz, phase_rad, delay_s = _phase_margin(frequency_hz, curve.falls, n_plants, stable)
-    gain, oscillation_hz, gain_down = _gain_margins(frequency_hz, curve.crossings, n_plants)
-    return LoopFigures(
-        stable=stable,
-        crossover_hz=crossover_hz,
-        phase_margin_rad=phase_rad,
-        delay_margin_s=delay_s,
-        gain_margin=gain,
-        oscillation_hz=oscillation_hz,
-        gain_margin_down=gain_down,
-        disk_margin=2.0 / np.sqrt(1.0 - 4.0 * curve.ratio),
-        peak_sensitivity=1.0 / np.sqrt(curve.nearest),
-    )
 
 
 class _Crossings(NamedTuple):

@@ -108,7 +108,13 @@ def conditions(point: FlownPoint, ranges: Ranges) -> Iterator[Condition]:
         None that is as flown. The battery only where its voltage was logged.
     """
     kinds = ConditionKind
-    yield from _batteries(point)
+    # The battery full and empty; where its cells are not known, as far as it was flown.
+    if point.voltage_v > 0.0:
+        full_v = max(FULL_V * point.n_cells, point.highest_v)
+        empty_v = min(EMPTY_V * point.n_cells or np.inf, point.lowest_v)
+        for kind, volts in ((kinds.BATTERY_FULL, full_v), (kinds.BATTERY_EMPTY, empty_v)):
+            if _differs(volts / point.voltage_v):
+                yield Condition(kind, voltage=volts / point.voltage_v, voltage_v=volts)
     for kind, mass in zip((kinds.LIGHTER, kinds.HEAVIER), ranges.mass, strict=True):
         if _differs(mass):
             yield Condition(kind, mass=mass, inertia=mass)
@@ -121,17 +127,6 @@ def conditions(point: FlownPoint, ranges: Ranges) -> Iterator[Condition]:
     for kind, propeller in zip(sizes, ranges.propeller, strict=True):
         if _differs(propeller):
             yield Condition(kind, propeller=propeller)
-
-
-def _batteries(point: FlownPoint) -> Iterator[Condition]:
-    """Yield the battery full and empty; where its cells are not known, as far as it was flown."""
-    if not point.voltage_v > 0.0:
-        return
-    full_v = max(FULL_V * point.n_cells, point.highest_v)
-    empty_v = min(EMPTY_V * point.n_cells or np.inf, point.lowest_v)
-    for kind, volts in ((ConditionKind.BATTERY_FULL, full_v), (ConditionKind.BATTERY_EMPTY, empty_v)):
-        if _differs(volts / point.voltage_v):
-            yield Condition(kind, voltage=volts / point.voltage_v, voltage_v=volts)
 
 
 def _differs(factor: float) -> bool:
@@ -201,19 +196,16 @@ def _at(point: FlownPoint, motors: _Motors, condition: Condition) -> _At:
     voltage = 2.0 * x**2 / (1.0 - motors.expo + curve) + load * x**2
     stiffness = 2.0 * x / curve + 2.0 * load * x
     by_voltage = 2.0 * c * x / stiffness
+    # The slope of the firmware's curve where it gives this output.
+    command = np.linspace(0.0, 1.0, _N_CURVE)
+    output = np.maximum.accumulate(law.output(command))
+    by_command = np.interp(voltage / (full * behind), output, np.gradient(output, command))
     return _At(
-        slope=by_voltage * full * behind * before * _slope_of(law, voltage / (full * behind)),
+        slope=by_voltage * full * behind * before * by_command,
         damping=condition.density * D**3 * x,
         lag=J / stiffness,
         lead=J / (q * x),
     )
-
-
-def _slope_of(law: ThrustLaw, given: FloatArray) -> FloatArray:
-    """Return the slope of the firmware's curve where it gives some outputs, (n_plants,)."""
-    command = np.linspace(0.0, 1.0, _N_CURVE)
-    output = np.maximum.accumulate(law.output(command))
-    return np.asarray(np.interp(given, output, np.gradient(output, command)))
 
 
 def factors(point: FlownPoint, condition: Condition, n_plants: int, *, by_drag: bool = False) -> Factors:
@@ -318,31 +310,23 @@ class OffNominal(NamedTuple):
             That with the least spare is marked.
         """
         loops = loops.first(N_PLANTS)
-        told = [
-            _margins(one, by, _around(loops, by), following, limits)
-            for one, by in zip(self.conditions, self._each(loops), strict=True)
-        ]
+        told = []
+        for condition, by in zip(self.conditions, self._each(loops), strict=True):
+            around = _around(loops, by)
+            now = around.margins()
+            then = None if following is None else around.of(following).margins()
+            told.append(
+                ConditionMargins(
+                    condition=condition,
+                    effectiveness=_estimated(by.effectiveness),
+                    lag=_estimated(by.lag),
+                    now=now,
+                    next=then,
+                    spare=spare(now if then is None else then, limits),
+                )
+            )
         least = min((one.spare for one in told), default=np.inf)
         return tuple(replace(one, worst=one.spare == least) for one in told)
-
-
-def _margins(
-    condition: Condition,
-    by: Factors,
-    loops: ScaledLoops,
-    following: AxisController | None,
-    limits: Limits,
-) -> ConditionMargins:
-    now = loops.margins()
-    then = None if following is None else loops.of(following).margins()
-    return ConditionMargins(
-        condition=condition,
-        effectiveness=_estimated(by.effectiveness),
-        lag=_estimated(by.lag),
-        now=now,
-        next=then,
-        spare=spare(now if then is None else then, limits),
-    )
 
 
 def _around(loops: ScaledLoops, by: Factors) -> ScaledLoops:

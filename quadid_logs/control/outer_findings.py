@@ -7,11 +7,12 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.control.findings import as_evidence
 from quadid_logs.control.room import Room, figures, room_of
-from quadid_logs.data.closed_loop import Estimated, Margins
+from quadid_logs.data.closed_loop import Margins
 from quadid_logs.data.diagnosis import Finding, Level
 from quadid_logs.data.log import PositionRows
-from quadid_logs.data.outer_loops import FEWEST_ROWS, CascadeReplay, OuterLoop, OuterLoops, Shown, shown_by
+from quadid_logs.data.outer_loops import FEWEST_ROWS, OuterLoop, OuterLoops, Shown, shown_by
 from quadid_logs.data.tuning import POOR
 from quadid_logs.diagnose.findings import finding, rounded
 
@@ -44,55 +45,25 @@ def find_in_outer(outer: OuterLoops | None, positions: Sequence[PositionRows]) -
     """
     if outer is None:
         return
-    yield from _attitude(outer)
-    yield from _cascades(outer)
-    yield from _margins(outer.loops)
-    slow = {axis: found for axis, found in outer.loops.items() if _slow(found)}
-    if slow:
-        evidence: dict[str, object] = {
-            axis: {
-                "attitude_hz": rounded(found.attitude_hz.value, 3),
-                "velocity_crossover_hz": _crossover(found),
-            }
-            for axis, found in slow.items()
-        }
-        yield finding("QL653", "info", evidence, axes=tuple(slow))
-    level = [each for each in positions if each.direction != "down"]
-    if not outer.loops and any(_commanded_rows(each) >= FEWEST_ROWS for each in level):
-        # What is missing for a velocity loop.
-        yield finding(
-            "QL655",
-            "info",
-            {
-                "gains_known": outer.controllers.horizontal is not None,
-                "rows_of_controllers": {axis: found.n_rows for axis, found in outer.cascades.items()},
-            },
-        )
-
-
-def _commanded_rows(rows: PositionRows) -> int:
-    """Count the rows in which a velocity was commanded: in modes that hold a height alone there is none."""
-    target = rows.values.get("velocity_target")
-    return 0 if target is None else int(np.count_nonzero(np.isfinite(target)))
-
-
-def _attitude(outer: OuterLoops) -> Iterator[Finding]:
-    """Yield that an angle controller is not the one that flew."""
     for axis, found in outer.attitude.items():
         if found.shown is Shown.DIFFERS:
             evidence: dict[str, object] = {"relative_rms": rounded(found.relative_rms, 3)}
             if found.gain is not None:
-                evidence["gain_over_parameter"] = _evidence(found.gain)
+                evidence["gain_over_parameter"] = as_evidence(found.gain)
             yield finding("QL650", "warning", evidence, axes=(axis,))
-
-
-def _cascades(outer: OuterLoops) -> Iterator[Finding]:
-    """Yield that a position or velocity controller is not the one that flew, or that it did not follow."""
-    differing = {
-        direction: told for direction, found in outer.cascades.items() if (told := _differing(found))
-    }
+    # The gains of one direction that the log contradicts, over those of the parameters.
+    differing: dict[str, object] = {}
+    for direction, replay in outer.cascades.items():
+        gains = {"position_gain": replay.position, "velocity_gain": replay.velocity}
+        told = {
+            f"{name}_over_parameter": as_evidence(gain)
+            for name, gain in gains.items()
+            if gain is not None and shown_by(gain) is Shown.DIFFERS
+        }
+        if told:
+            differing[direction] = told
     if differing:
-        yield finding("QL651", "info", dict(differing))
+        yield finding("QL651", "info", differing)
     behind: dict[str, object] = {
         direction: {
             "velocity_error_m_s": rounded(found.velocity_error_m_s, 3),
@@ -103,16 +74,31 @@ def _cascades(outer: OuterLoops) -> Iterator[Finding]:
     }
     if behind:
         yield finding("QL654", "info", behind)
-
-
-def _differing(found: CascadeReplay) -> dict[str, object]:
-    """Return the gains of one direction that the log contradicts, over those of the parameters."""
-    gains = {"position_gain": found.position, "velocity_gain": found.velocity}
-    return {
-        f"{name}_over_parameter": _evidence(gain)
-        for name, gain in gains.items()
-        if gain is not None and shown_by(gain) is Shown.DIFFERS
+    yield from _margins(outer.loops)
+    slow: dict[str, object] = {
+        axis: {
+            "attitude_hz": rounded(loop.attitude_hz.value, 3),
+            "velocity_crossover_hz": rounded(crossover.value, 3),
+        }
+        for axis, loop in outer.loops.items()
+        if (crossover := loop.velocity.crossover_hz) is not None
+        and loop.attitude_hz.value < _FASTER * crossover.value
     }
+    if slow:
+        yield finding("QL653", "info", slow, axes=tuple(slow))
+    # In modes that hold a height alone no velocity is commanded.
+    targets = (each.values.get("velocity_target") for each in positions if each.direction != "down")
+    commanded = (0 if one is None else np.count_nonzero(np.isfinite(one)) for one in targets)
+    if not outer.loops and any(n_rows >= FEWEST_ROWS for n_rows in commanded):
+        # What is missing for a velocity loop.
+        yield finding(
+            "QL655",
+            "info",
+            {
+                "gains_known": outer.controllers.horizontal is not None,
+                "rows_of_controllers": {axis: found.n_rows for axis, found in outer.cascades.items()},
+            },
+        )
 
 
 def _margins(loops: Mapping[str, OuterLoop]) -> Iterator[Finding]:
@@ -125,7 +111,14 @@ def _margins(loops: Mapping[str, OuterLoop]) -> Iterator[Finding]:
         return
     worst = min(lacking.values())
     name = "whole" if any(loops[axis].whole is not None for axis in lacking) else "velocity"
-    evidence: dict[str, object] = {axis: _figures(outermost(loops[axis])) for axis in lacking}
+    evidence: dict[str, object] = {}
+    for axis in lacking:
+        margins = outermost(loops[axis])
+        evidence[axis] = (
+            {name: as_evidence(each) for name, (each, _) in figures(margins).items() if each is not None}
+            if margins.stable
+            else {"stable_fraction": rounded(margins.stable_fraction)}
+        )
     title = _TITLES[worst].format(loop=_WORDS[name])
     level: Level = "warning" if worst <= Room.POOR else "info"
     yield finding("QL652", level, evidence, axes=tuple(lacking), title=title)
@@ -143,25 +136,3 @@ def outermost(found: OuterLoop) -> Margins:
     Margins
     """
     return found.velocity if found.whole is None else found.whole
-
-
-def _figures(margins: Margins) -> dict[str, object]:
-    """Return the limited figures of a loop for people."""
-    if not margins.stable:
-        return {"stable_fraction": rounded(margins.stable_fraction)}
-    return {name: _evidence(each) for name, (each, _) in figures(margins).items() if each is not None}
-
-
-def _slow(found: OuterLoop) -> bool:
-    crossover = found.velocity.crossover_hz
-    return crossover is not None and found.attitude_hz.value < _FASTER * crossover.value
-
-
-def _crossover(found: OuterLoop) -> float | None:
-    crossover = found.velocity.crossover_hz
-    return None if crossover is None else rounded(crossover.value, 3)
-
-
-def _evidence(figure: Estimated) -> dict[str, object]:
-    """Return a figure and its interval, each by its name."""
-    return {"value": rounded(figure.value, 3), "ci95": [rounded(end, 3) for end in figure.ci95]}

@@ -106,16 +106,33 @@ def outer_loops(
     loops = {}
     if horizontal is not None and level and all(each.shown is not Shown.DIFFERS for each in level):
         differing = [axis for axis, replay in replays.items() if replay.shown is Shown.DIFFERS]
-        loops = {
-            axis: loop
-            for axis in TILTS
-            if axis not in differing
-            if (loop := _loop_of(closed, axis, command, horizontal)) is not None
-        }
+        for axis in TILTS:
+            inner, controller = closed.axes.get(axis), closed.controllers.axes.get(axis)
+            if axis in differing or inner is None or controller is None or inner.plants is None:
+                continue
+            full = None if inner.margins is None else inner.margins.full
+            if inner.contradicted or full is None or not full.stable:
+                continue
+            loop = close_outer(controller, inner.plants, command, horizontal, inner.known_hz)
+            if loop is not None:
+                loops[axis] = loop
+    # The input shaper's law against the logged target, about their means: trims are no part of it.
+    shapers = {}
+    if shaper is not None and len(shaper.logged) >= FEWEST_ROWS:
+        for axis, shaped, wanted, logged in zip(
+            TILTS, shaper.shaped.T, shaper.wanted.T, shaper.logged.T, strict=False
+        ):
+            size = float(np.std(logged))
+            if size > 0.0:
+                shapers[axis] = ShaperReplay(
+                    relative_rms=float(np.std(shaped - logged)) / size,
+                    unshaped_rms=float(np.std(wanted - logged)) / size,
+                    n_rows=len(logged),
+                )
     return OuterLoops(
         controllers=replace(controllers, attitude=command),
         attitude=replays,
-        shaper={} if shaper is None else _shaper_replays(shaper),
+        shaper=shapers,
         cascades=cascades,
         loops=loops,
     )
@@ -136,40 +153,25 @@ def attitude_replays(rows: AttitudeRows, command: AttitudeCommand) -> dict[str, 
     """
     if len(rows.time_s) < FEWEST_ROWS:
         return {}
-    return {axis: _attitude_replay(rows, number, command) for number, axis in enumerate(AXES)}
-
-
-def _attitude_replay(rows: AttitudeRows, number: int, command: AttitudeCommand) -> AttitudeReplay:
-    made, forward, logged = (each[:, number] for each in (rows.from_error, rows.forward, rows.logged))
-    off = np.abs(made + forward - logged)
-    kept = off <= np.quantile(off, _KEPT)
-    size, left = _rms(logged[kept]), _rms(off[kept])
-    gain = _slope(made[kept], (logged - forward)[kept], _clusters(rows.time_s[kept]))
-    # What is fed forward can hide the gain in the sum, and what else was added, as an excitation, the sum.
-    unknown = command.not_modelled or AXES[number] in rows.not_judged
-    shown = Shown.NOT_SHOWN if gain is None or unknown else shown_by(gain)
-    if shown is Shown.AGREES and left > _SAME_LAW * size:
-        shown = Shown.NOT_SHOWN
-    return AttitudeReplay(
-        shown=shown,
-        relative_rms=left / size if size > 0.0 else float("nan"),
-        gain=gain,
-        n_rows=int(np.count_nonzero(kept)),
-    )
-
-
-def _shaper_replays(rows: ShaperRows) -> dict[str, ShaperReplay]:
-    """Hold the input shaper's law against the logged target, about their means: trims are no part of it."""
-    found = {}
-    for number, axis in enumerate(TILTS):
-        size = float(np.std(rows.logged[:, number]))
-        if len(rows.logged) >= FEWEST_ROWS and size > 0.0:
-            found[axis] = ShaperReplay(
-                relative_rms=float(np.std(rows.shaped[:, number] - rows.logged[:, number])) / size,
-                unshaped_rms=float(np.std(rows.wanted[:, number] - rows.logged[:, number])) / size,
-                n_rows=len(rows.logged),
-            )
-    return found
+    replays = {}
+    for number, axis in enumerate(AXES):
+        made, forward, logged = (each[:, number] for each in (rows.from_error, rows.forward, rows.logged))
+        off = np.abs(made + forward - logged)
+        kept = off <= np.quantile(off, _KEPT)
+        size, left = _rms(logged[kept]), _rms(off[kept])
+        gain = _slope(made[kept], (logged - forward)[kept], _clusters(rows.time_s[kept]))
+        # What is fed forward can hide the gain in the sum, and what was added, as an excitation, the sum.
+        unknown = command.not_modelled or axis in rows.not_judged
+        shown = Shown.NOT_SHOWN if gain is None or unknown else shown_by(gain)
+        if shown is Shown.AGREES and left > _SAME_LAW * size:
+            shown = Shown.NOT_SHOWN
+        replays[axis] = AttitudeReplay(
+            shown=shown,
+            relative_rms=left / size if size > 0.0 else float("nan"),
+            gain=gain,
+            n_rows=int(np.count_nonzero(kept)),
+        )
+    return replays
 
 
 class _Run(NamedTuple):
@@ -202,10 +204,19 @@ def cascade_replay(
     interpolated between rows, and the gains are estimated by least squares with residuals in clusters of a
     second.
     """
-    run = _longest_run(rows, intervals, ("velocity_target", "velocity"))
-    if run is None:
+    # The longest run of rows that hold numbers and follow each other.
+    needed = ("velocity_target", "velocity")
+    if any(name not in rows.values for name in needed):
         return None
-    time_s, values = run
+    time_s = rows.rows.time_s
+    usable = np.isfinite(time_s) if not intervals else inside(time_s, intervals)
+    for name in needed:
+        usable = usable & (np.abs(rows.values[name]) < _IMPOSSIBLE)
+    part, typical_s = following_rows(time_s, usable)
+    if not 0.0 < typical_s <= _SLOWEST_S or part.stop - part.start <= FEWEST_ROWS:
+        return None
+    time_s, values = time_s[part], {name: each[part] for name, each in rows.values.items()}
+    run = _Run(time_s, values)
     position, position_rms, position_m = _position(run, controller)
     velocity, integral, velocity_rms = _velocity(run, controller)
     error = values["velocity_target"] - values["velocity"]
@@ -221,22 +232,6 @@ def cascade_replay(
         n_rows=len(time_s),
         row_s=float(np.median(np.diff(time_s))),
     )
-
-
-def _longest_run(
-    rows: PositionRows, intervals: Sequence[tuple[float, float]], needed: Sequence[str]
-) -> _Run | None:
-    """Return the longest run of rows that hold numbers and follow each other; None for one too short."""
-    if any(name not in rows.values for name in needed):
-        return None
-    time_s = rows.rows.time_s
-    usable = np.isfinite(time_s) if not intervals else inside(time_s, intervals)
-    for name in needed:
-        usable = usable & (np.abs(rows.values[name]) < _IMPOSSIBLE)
-    part, typical_s = following_rows(time_s, usable)
-    if not 0.0 < typical_s <= _SLOWEST_S or part.stop - part.start <= FEWEST_ROWS:
-        return None
-    return _Run(time_s[part], {name: each[part] for name, each in rows.values.items()})
 
 
 def _position(run: _Run, controller: CascadeController) -> tuple[Estimated | None, float, float]:
@@ -268,20 +263,6 @@ def _velocity(run: _Run, controller: CascadeController) -> tuple[Estimated | Non
     known = np.abs(given) < _STEEPEST_M_S2
     if np.count_nonzero(known) < FEWEST_ROWS:
         return nothing
-    proportional, integral, slope = _terms(run, controller)
-    regressors = [proportional] + ([integral] if controller.integral_per_s2 > 0.0 else [])
-    columns = np.column_stack([*regressors, np.ones(len(given))])[known]
-    found = _fit(columns, (given - slope)[known], _clusters(run.time_s[known]))
-    whole = given - proportional - integral - slope
-    size = float(np.std(given[known]))
-    left = float(np.std(whole[known])) / size if size > 0.0 else float("nan")
-    if found is None:
-        return None, None, left
-    return found[0], found[1] if controller.integral_per_s2 > 0.0 else None, left
-
-
-def _terms(run: _Run, controller: CascadeController) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return what P, I and D make at each row, the integral from zero."""
     fine_s = np.arange(run.time_s[0], run.time_s[-1] + 0.5 * _STEP_S, _STEP_S)
     step_s = np.full(fine_s.shape, _STEP_S)
     target, velocity = (
@@ -295,8 +276,16 @@ def _terms(run: _Run, controller: CascadeController) -> tuple[FloatArray, FloatA
         controller.integral_per_s2 * np.cumsum(error) * _STEP_S,
         controller.derivative * slope,
     )
-    proportional, integral, derivative = (np.interp(run.time_s, fine_s, each) for each in terms)
-    return proportional, integral, derivative
+    proportional, integral, slope = (np.interp(run.time_s, fine_s, each) for each in terms)
+    regressors = [proportional] + ([integral] if controller.integral_per_s2 > 0.0 else [])
+    columns = np.column_stack([*regressors, np.ones(len(given))])[known]
+    found = _fit(columns, (given - slope)[known], _clusters(run.time_s[known]))
+    whole = given - proportional - integral - slope
+    size = float(np.std(given[known]))
+    left = float(np.std(whole[known])) / size if size > 0.0 else float("nan")
+    if found is None:
+        return None, None, left
+    return found[0], found[1] if controller.integral_per_s2 > 0.0 else None, left
 
 
 def _clusters(time_s: FloatArray) -> IntArray:
@@ -346,18 +335,6 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _loop_of(
-    closed: ClosedLoop, axis: str, command: AttitudeCommand, cascade: CascadeController
-) -> OuterLoop | None:
-    """Close the loops that tilt about one axis closes; None where its rate loop is not known."""
-    inner, controller = closed.axes.get(axis), closed.controllers.axes.get(axis)
-    if inner is None or controller is None or inner.plants is None or inner.margins is None:
-        return None
-    if inner.contradicted or inner.margins.full is None or not inner.margins.full.stable:
-        return None
-    return close_outer(controller, inner.plants, command, cascade, inner.known_hz)
-
-
 def close_outer(
     controller: AxisController,
     plants: Plant,
@@ -386,11 +363,22 @@ def close_outer(
     if not controller.angle_gain_per_s:
         return None
     every_hz = grid_hz(controller.period_s)
-    loop, answer = _attitude_loop(controller, plants, every_hz)
+    body = plants.response(every_hz, controller.period_s)
+    paths = Paths(controller, every_hz)
+    by_angle = body * paths.on_angle
+    loop = body * paths.on_rate + by_angle
+    answer = np.asarray(by_angle / (1.0 + loop), dtype=np.complex128)
     unstable = ~is_stable(loop, integrators(controller) + 1, plants.damping > 0.0)
     low = every_hz <= _HIGHEST_HZ
     frequency_hz = every_hz[low]
-    tilts = answer[:, low] * _commanded(controller, command, frequency_hz)
+    # What stands before the attitude's target: the lags to it, and its rate that is fed forward.
+    s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
+    ahead = np.ones(s.shape, dtype=np.complex128)
+    if command.forward:
+        ahead = ahead + s / controller.angle_gain_per_s
+    for lag_s in command.lags_s:
+        ahead = ahead / (1.0 + s * lag_s)
+    tilts = answer[:, low] * ahead
     velocity, position = cascade_loops(cascade, tilts, frequency_hz)
     n = 1 + int(cascade.integral_per_s2 > 0.0)
     widths_hz = bandwidth_hz(frequency_hz, tilts)
@@ -402,33 +390,6 @@ def close_outer(
         if position is None
         else margins_of(frequency_hz, velocity + position, n + 1, unstable, known_hz),
     )
-
-
-def _attitude_loop(
-    controller: AxisController, plants: Plant, frequency_hz: FloatArray
-) -> tuple[ComplexArray, ComplexArray]:
-    """Return the whole open loop, cut at the mixer, and how attitude answers its target by its error."""
-    body = plants.response(frequency_hz, controller.period_s)
-    paths = Paths(controller, frequency_hz)
-    by_angle = body * paths.on_angle
-    loop = body * paths.on_rate + by_angle
-    return loop, np.asarray(by_angle / (1.0 + loop), dtype=np.complex128)
-
-
-def _commanded(
-    controller: AxisController, command: AttitudeCommand, frequency_hz: FloatArray
-) -> ComplexArray:
-    """Return what stands before the attitude's target: the lags to it, and its rate that is fed forward.
-
-    That rate enters where the angle loop's does: it counts as s over the angle gain, beside one.
-    """
-    s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
-    answer = np.ones(s.shape, dtype=np.complex128)
-    if command.forward and controller.angle_gain_per_s:
-        answer = answer + s / controller.angle_gain_per_s
-    for lag_s in command.lags_s:
-        answer = answer / (1.0 + s * lag_s)
-    return np.asarray(answer, dtype=np.complex128)
 
 
 def cascade_loops(

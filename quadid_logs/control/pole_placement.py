@@ -11,7 +11,6 @@ from quadid_logs.control.loop import forward_filters, gyro_filters, rate_loop
 from quadid_logs.data.autotune import PolePlacement
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
-from quadid_logs.maths.band import ComplexArray
 
 #: A high-pass of this cut-off takes off what does not move [Hz].
 _SLOWEST_HZ: Final = 0.5
@@ -86,13 +85,10 @@ def _discrete_models(procedure: PolePlacement, controller: AxisController, plant
     command = command / (1.0 + rate_loop(controller, plants, frequency_hz))
     rate = command * plants.response(frequency_hz, controller.period_s) * gyro
     late = np.exp(-s * procedure.model_period_s)
-    return np.transpose([_least_squares(u, y, late) for u, y in zip(command, rate, strict=True)])
-
-
-def _least_squares(command: ComplexArray, rate: ComplexArray, late: ComplexArray) -> FloatArray:
-    """Return the coefficients of one vehicle."""
-    regressors = np.stack([-late * rate, -(late**2) * rate, *(late**k * command for k in (1, 2, 3))], axis=1)
-    both = np.vstack([regressors.real, regressors.imag])
-    scale = np.linalg.norm(both, axis=0)
-    found = np.linalg.lstsq(both / scale, np.concatenate([rate.real, rate.imag]), rcond=None)[0]
-    return np.asarray(found / scale, dtype=np.float64)
+    models = []
+    for u, y in zip(command, rate, strict=True):
+        regressors = np.stack([-late * y, -(late**2) * y, *(late**k * u for k in (1, 2, 3))], axis=1)
+        both = np.vstack([regressors.real, regressors.imag])
+        scale = np.linalg.norm(both, axis=0)
+        models.append(np.linalg.lstsq(both / scale, np.concatenate([y.real, y.imag]), rcond=None)[0] / scale)
+    return np.transpose(models)

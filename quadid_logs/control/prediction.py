@@ -122,15 +122,33 @@ def predict(
     answers = _answers(data, axis)
     if not answers:
         return None
-    high_passed = _high_pass(data.sample_period_s, low_hz)
+
+    def high_passed(parts: list[FloatArray]) -> FloatArray:
+        """Take the slow parts off the series of all segments, and join them."""
+        return np.concatenate(
+            [high_pass(part[:, np.newaxis], data.sample_period_s, low_hz)[:, 0] for part in parts]
+        )
+
     time_s = np.concatenate([each.segment.time_s for each in answers])
     settled = np.concatenate([each.segment.time_s >= each.segment.start_s + _SETTLE_S for each in answers])
-    held_out = settled & _held_out(fit, time_s)
+    # The times that the model was not fitted to.
+    held_out, known = np.zeros(time_s.shape, dtype=np.bool_), np.isfinite(fit.time_s)
+    if known.any():
+        nearest, kept = np.searchsorted(fit.time_s[known], time_s), fit.held_out[known]
+        held_out = settled & kept[np.minimum(nearest, kept.size - 1)]
     held_out_s = float(np.count_nonzero(held_out) * data.sample_period_s)
     if held_out_s < _SHORTEST_S:
         return None
     series = _series(answers, axis.number, held_out, high_passed)
-    rows = _closed(answers, series.predicted_torque, settled)
+    # While motors were at their limits, and a second after, the loop was open.
+    is_open = []
+    for segment in (each.segment for each in answers):
+        limit_s = segment.time_s[segment.saturated]
+        last_s = np.append(-np.inf, limit_s)[np.searchsorted(limit_s, segment.time_s, side="right")]
+        is_open.append(segment.time_s - last_s < _CLUSTER_S)
+    rows = settled & ~np.concatenate(is_open)
+    power = series.predicted_torque**2
+    rows = rows if power[rows].sum() >= _LEAST_CLOSED * power[settled].sum() else settled
     clusters = _clusters(time_s[rows])
     search = _Search(answers, series.torque, rows, clusters, high_passed, axis.controller.period_s)
     torque_fit = _fit_percent(series.torque[held_out], series.predicted_torque[held_out])
@@ -146,20 +164,6 @@ def predict(
         at_limits=rows is settled,
         series=series,
     )
-
-
-def _closed(answers: list[_Answer], driven: FloatArray, settled: BoolArray) -> BoolArray:
-    """Mark the samples in which the loop was closed; all that are settled where these are too few."""
-    rows = settled & ~np.concatenate([_at_limits(each.segment) for each in answers])
-    power = driven**2
-    return rows if power[rows].sum() >= _LEAST_CLOSED * power[settled].sum() else settled
-
-
-def _at_limits(segment: Segment) -> BoolArray:
-    """Mark the samples at which motors were at their limits, and a second after: the loop was open."""
-    limit_s = segment.time_s[segment.saturated]
-    last_s = np.append(-np.inf, limit_s)[np.searchsorted(limit_s, segment.time_s, side="right")]
-    return np.asarray(segment.time_s - last_s < _CLUSTER_S, dtype=np.bool_)
 
 
 def _series(
@@ -180,15 +184,6 @@ def _series(
         predicted_torque=high_passed([each.in_time(each.torque) for each in answers]),
         held_out=held_out,
     )
-
-
-def _high_pass(period_s: float, low_hz: float) -> _HighPass:
-    """Return what takes the slow parts off the series of all segments, and joins them."""
-
-    def joined(parts: list[FloatArray]) -> FloatArray:
-        return np.concatenate([high_pass(part[:, np.newaxis], period_s, low_hz)[:, 0] for part in parts])
-
-    return joined
 
 
 def _setpoint(segment: Segment, axis: int) -> FloatArray:
@@ -263,7 +258,7 @@ class _Search:
         factor = 1.0
         for _ in range(_MOST_STEPS):
             # The derivative of the predicted torque by the logarithm of the effectiveness.
-            slope, left = self._slope_by(factor, _by_effectiveness), self._torque - self._series(factor)
+            slope, left = self._slope_by(factor, np.ones_like), self._torque - self._series(factor)
             step = float(np.clip((slope @ left) / (slope @ slope), -_LARGEST_STEP, _LARGEST_STEP))
             factor *= 1.0 + step
             if abs(step) < _SMALL_STEP:
@@ -308,10 +303,6 @@ class _Search:
         )[self._rows]
 
 
-def _by_effectiveness(s: ComplexArray) -> ComplexArray:
-    return np.ones_like(s)
-
-
 def _changes(plant: Plant) -> tuple[_Change, _Change, _Change, _Change]:
     """Return the relative change of the loop with damping, lag, delay and reaction, as functions of s."""
     damping, lag_s = float(plant.damping[0]), float(plant.lag_s[0])
@@ -327,16 +318,6 @@ def _changes(plant: Plant) -> tuple[_Change, _Change, _Change, _Change]:
 def _clusters(time_s: FloatArray) -> IntArray:
     """Return the number of the second that each sample is in."""
     return np.asarray(np.unique(np.floor(time_s / _CLUSTER_S), return_inverse=True)[1], dtype=np.int64)
-
-
-def _held_out(fit: FitSeries, time_s: FloatArray) -> BoolArray:
-    """Mark the times that the model was not fitted to."""
-    known = np.isfinite(fit.time_s)
-    if not known.any():
-        return np.zeros(time_s.shape, dtype=np.bool_)
-    nearest = np.searchsorted(fit.time_s[known], time_s)
-    held_out = fit.held_out[known]
-    return np.asarray(held_out[np.minimum(nearest, held_out.size - 1)], dtype=np.bool_)
 
 
 def _fit_percent(measured: FloatArray, predicted: FloatArray) -> float:

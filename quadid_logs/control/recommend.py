@@ -36,7 +36,6 @@ from quadid_logs.control.separate_gains import (
 from quadid_logs.control.step import Steps
 from quadid_logs.control.torque_noise import (
     Noise,
-    Spectrum,
     attitude_error,
     residual_spectrum,
     torque_noise,
@@ -149,20 +148,37 @@ def tune_axes(
     """
     searches = {axis: _searched(one, limits, apart=apart) for axis, one in axes.items()}
     tuned = {
-        axis: _refused(one.case) if (search := searches[axis]) is None else _decided(*search, apart=apart)
+        axis: AxisTuning(
+            verdict="refused",
+            reasons=tuple(obstacles(one.case)),
+            now=None if one.case.found is None else one.case.found.margins,
+        )
+        if (search := searches[axis]) is None
+        else _decided(*search, apart=apart)
         for axis, one in axes.items()
     }
     if filters is not None and apart:
         known = {axis: both[0] for axis, both in searches.items() if both is not None}
-        changed = _refiltered(known, tuned, filters, shared=set(known) == set(AXES))
+        changed: dict[str, AxisTuning] = {}
+        if known:
+            parameters = next(iter(known.values())).parameters
+            settings = design_filters(
+                known, filters.choices, parameters, filters.still_hz, shared=set(known) == set(AXES)
+            )
+            steps = (_filter_steps(known, tuned, found) for found in settings)
+            changed = next((step for step in steps if step), {})
         tuned = {axis: changed.get(axis) or with_flown_filters(axis, one) for axis, one in tuned.items()}
     tuned = {axis: _with_off_nominal(axes[axis], one, limits) for axis, one in tuned.items()}
-    tuned = {axis: _with_source(axes[axis].case, one) for axis, one in tuned.items()}
-    logs = {axis: one.case.log for axis, one in axes.items()}
-    return {
-        axis: replace(found, reasons=tuple(remedied(found.reasons, logs[axis].autopilot, logs[axis].version)))
-        for axis, found in tuned.items()
-    }
+    for axis, found in tuned.items():
+        case, reasons = axes[axis].case, found.reasons
+        if case.found is not None and case.found.by_earlier and found.verdict != "refused":
+            # The gains follow from earlier flights, where this one tells too little of the axis.
+            verdict = case.diagnosis.axes.get(axis)
+            codes = [] if verdict is None else list(verdict.reasons)
+            reasons = (*reasons, _found("QL627", case, {"codes": codes}))
+        advised = remedied(reasons, case.log.autopilot, case.log.version)
+        tuned[axis] = replace(found, reasons=tuple(advised))
+    return tuned
 
 
 def _with_off_nominal(axis: Axis, found: AxisTuning, limits: Limits) -> AxisTuning:
@@ -189,22 +205,8 @@ def _with_off_nominal(axis: Axis, found: AxisTuning, limits: Limits) -> AxisTuni
     return replace(found, off_nominal=told, reasons=reasons)
 
 
-def _with_source(case: Case, found: AxisTuning) -> AxisTuning:
-    """Add that gains follow from earlier flights, where this one tells too little of the axis."""
-    if case.found is None or not case.found.by_earlier or found.verdict == "refused":
-        return found
-    verdict = case.diagnosis.axes.get(case.axis)
-    codes = [] if verdict is None else list(verdict.reasons)
-    return replace(found, reasons=(*found.reasons, _found("QL627", case, {"codes": codes})))
-
-
 def _words(kind: ConditionKind) -> str:
     return kind.value.replace("_", " ")
-
-
-def _refused(case: Case) -> AxisTuning:
-    margins = None if case.found is None else case.found.margins
-    return AxisTuning(verdict="refused", reasons=tuple(obstacles(case)), now=margins)
 
 
 def _searched(axis: Axis, limits: Limits, *, apart: bool) -> tuple[_Search, Callable[[], _Search]] | None:
@@ -237,44 +239,23 @@ def _searched(axis: Axis, limits: Limits, *, apart: bool) -> tuple[_Search, Call
     return search, without_modes
 
 
-def _refiltered(
-    searches: Mapping[str, _Search], alone: Mapping[str, AxisTuning], filters: FilterWishes, *, shared: bool
-) -> dict[str, AxisTuning]:
-    """Return the axes whose filters change, with the gains behind them; none where nothing is gained.
-
-    The choice is of the gains in the end; what the next flight has of them is held against gains alone.
-    """
-    if not searches:
-        return {}
-    parameters = next(iter(searches.values())).parameters
-    settings = design_filters(searches, filters.choices, parameters, filters.still_hz, shared=shared)
-    steps = (_filter_steps(searches, alone, found) for found in settings)
-    return next((step for step in steps if step), {})
-
-
 def _filter_steps(
     searches: Mapping[str, _Search], alone: Mapping[str, AxisTuning], found: Changes
 ) -> dict[str, AxisTuning]:
     """Return the axes whose next flight is no worse behind some filters, and worth them."""
-    tuned = {axis: _filter_step(axis, one, alone[axis], found) for axis, one in searches.items()}
-    known = {axis: one for axis, one in tuned.items() if one is not None}
+    known = {}
+    for axis, search in searches.items():
+        # Behind its own filters and those of all, or behind the latter only.
+        for chosen in (found, found.without_own(axis)) if axis in found.own else (found,):
+            changes = chosen.of(axis, search.parameters)
+            refiltered = search.with_filters(changes, chosen) if changes else None
+            if refiltered is not None and is_no_worse(refiltered.tuning, alone[axis], refiltered.in_the_end):
+                known[axis] = refiltered.tuning
+                break
     # What all axes share changes for all of them, or not at all.
     if found.shared:
         return known if len(known) == len(searches) and is_worth_it(known, alone) else {}
     return {axis: one for axis, one in known.items() if is_worth_it({axis: one}, alone)}
-
-
-def _filter_step(axis: str, search: _Search, alone: AxisTuning, found: Changes) -> AxisTuning | None:
-    """Return the step of an axis behind its own filters and those of all, or behind the latter only.
-
-    None where gains alone leave less of gusts in the next flight than what filters leave less in the end.
-    """
-    for chosen in (found, found.without_own(axis)) if axis in found.own else (found,):
-        changes = chosen.of(axis, search.parameters)
-        refiltered = search.with_filters(changes, chosen) if changes else None
-        if refiltered is not None and is_no_worse(refiltered.tuning, alone, refiltered.in_the_end):
-            return refiltered.tuning
-    return None
 
 
 def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bool) -> AxisTuning:
@@ -571,13 +552,6 @@ class _Search:
     def _controller(self, factor: float) -> AxisController | None:
         return self._rebuild(self._written(factor))
 
-    def _out_of_reach(self, target: Found) -> Iterator[Finding]:
-        """Yield that no gains keep the limits, and what holds them."""
-        yield _found("QL624", self._case, {"to_be_kept": self._limits._asdict()}, "warning")
-        if target.held_by:
-            yield _found(target.held_by, self._case, self._evidence(target.held_by))
-        yield from filter_note(self._case, self._rebuild, self._loops)
-
     def _written(self, factor: float) -> dict[str, float]:
         """Return P, I and D by parameter, so many times as high as flown, as they stand in a file."""
         return {name: self._case.names.written(factor * value) for name, value in self._now.items()}
@@ -601,18 +575,21 @@ class _Search:
             for name, now in self._now.items()
         }
         reasons = tuple(self._reasons("change", target, step))
-        further = Step(gains, step.controller, step.promised, _flights_after(gains))
-        return self._described("change", reasons, further, self._flights_to_limits(step, target))
-
-    def _flights_to_limits(self, step: _Step, target: Found) -> int:
-        """Return how many flights lie between the next gains and the first that keep the limits."""
+        # Flights between the next gains and those that would be kept as the target.
+        left = [change.target / change.next for change in gains.values() if change.next > 0.0 < change.target]
+        n_more = 0
+        while not all(low <= each <= high for each in left):
+            left = [each / min(max(each, MOST_DOWN), MOST_UP) for each in left]
+            n_more += 1
+        further = Step(gains, step.controller, step.promised, n_more)
+        # Flights between the next gains and the first that keep the limits.
         factor, n_flights = step.factor, 0
         missing = spare(step.promised, self._limits) < 1.0
-        while missing and not _SAME[0] <= target.factor / factor <= _SAME[1]:
+        while missing and not low <= target.factor / factor <= high:
             factor *= min(max(target.factor / factor, MOST_DOWN), MOST_UP)
             n_flights += 1
             missing = spare(self._few.margins(factor), self._limits) < 1.0
-        return n_flights
+        return self._described("change", reasons, further, n_flights)
 
     def apart(self, common: Found) -> AxisTuning | None:
         """Return the step towards the best gains, each by itself; None where one factor does as well."""
@@ -638,22 +615,15 @@ class _Search:
         if step is None:
             return None
         factors = {name: rounded(factor, 3) for name, factor in target.items()}
-        told = replace(
-            _found("QL641", self._case, {"target_factors": factors}),
-            title=self._title(),
-        )
-        reasons = [told]
+        title = _LACKING_TITLE if self._conditions.drawn == 1.0 else _AS_TOLD_TITLE
+        if self.is_kept_as_told():
+            title = _BETTER_TITLE
+        reasons = [replace(_found("QL641", self._case, {"target_factors": factors}), title=title)]
         if any(one.next != one.target for one in step.gains.values()):
             reasons.append(_found("QL633", self._case, {}))
         if spare(step.promised, self._limits) < 1.0:
             reasons.extend(filter_note(self._case, self._rebuild, self._loops))
         return self._described("change", tuple(reasons), step)
-
-    def _title(self) -> str:
-        """Return why gains change, each by itself."""
-        if self.is_kept_as_told():
-            return _BETTER_TITLE
-        return _LACKING_TITLE if self._conditions.drawn == 1.0 else _AS_TOLD_TITLE
 
     def with_filters(self, filters: Mapping[str, GainChange], chosen: Changes) -> Refiltered | None:
         """Return the step towards the best gains behind other filters, None where none keeps the limits."""
@@ -705,8 +675,13 @@ class _Search:
         """Return that the flown gains are right, or that no others keep the limits either."""
         low, high = _SAME
         if not target.reached or (self._flown_spare < low and not low <= target.factor <= high):
-            out = tuple(self._out_of_reach(target))
-            return AxisTuning(verdict="refused", reasons=out, now=(self._case.found or AxisLoop()).margins)
+            # No gains keep the limits, and this holds them.
+            out = [_found("QL624", self._case, {"to_be_kept": self._limits._asdict()}, "warning")]
+            if target.held_by:
+                out.append(_found(target.held_by, self._case, self._evidence(target.held_by)))
+            out += filter_note(self._case, self._rebuild, self._loops)
+            margins = (self._case.found or AxisLoop()).margins
+            return AxisTuning(verdict="refused", reasons=tuple(out), now=margins)
         gains = {name: GainChange(now, now, now) for name, now in self._now.items()}
         # What the next flight may differ in widens what is promised of it, with kept gains too.
         step = _Step(1.0, self._loops.controller, self._loops.margins())
@@ -746,6 +721,7 @@ class _Search:
         if to_limits is None:
             to_limits = step.more_flights if spare(step.promised, self._limits) < 1.0 else 0
         nothing, steps = float("nan"), Steps(self._loops.plants)
+        both = (self._loops.controller, controller)
         return AxisTuning(
             verdict="keep" if verdict == "keep" else "change",
             reasons=reasons,
@@ -754,18 +730,14 @@ class _Search:
             next=step.promised,
             step_now=steps.of(self._loops.controller),
             step_next=steps.of(controller),
-            attitude_error=self._error(self._gusts, controller),
+            attitude_error=nothing
+            if self._gusts is None
+            else attitude_error(self._gusts, both, self._estimate(), self._gust_band_hz),
             torque_noise=nothing if noise is None else noise.now,
             torque_noise_next=nothing if noise is None else noise.next,
             more_flights=step.more_flights,
             flights_to_limits=to_limits,
         )
-
-    def _error(self, gusts: Spectrum | None, controller: AxisController) -> float:
-        if gusts is None:
-            return float("nan")
-        both = (self._loops.controller, controller)
-        return attitude_error(gusts, both, self._estimate(), self._gust_band_hz)
 
     def _reasons(self, verdict: str, target: Found, step: _Step) -> Iterator[Finding]:
         """Yield why, the decisive one first."""
@@ -799,17 +771,6 @@ class _Search:
         if code == "QL632" and noise is not None:
             return {"fraction_of_range": rounded(noise.now, 3), "fraction_accepted": MOST_NOISE}
         return {}
-
-
-def _flights_after(gains: Mapping[str, GainChange]) -> int:
-    """Return how many flights lie between the next gains and those that would be kept as the target."""
-    low, high = _SAME
-    left = [change.target / change.next for change in gains.values() if change.next > 0.0 < change.target]
-    n_flights = 0
-    while not all(low <= each <= high for each in left):
-        left = [each / min(max(each, MOST_DOWN), MOST_UP) for each in left]
-        n_flights += 1
-    return n_flights
 
 
 def filter_note(case: Case, rebuild: Rebuild, loops: ScaledLoops) -> Iterator[Finding]:

@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.control.disagreement import THINNED, explain, usable_rows
 from quadid_logs.data.controller import (
     TERMS,
@@ -54,7 +53,14 @@ def replay(
     found = {
         axis: _replayed(axis, controllers.axes[axis].gains, inputs, changes) for axis in controllers.axes
     }
-    if not any(_exact(each, inputs[axis]) for axis, each in found.items() if axis in inputs):
+    exact = (
+        each.agrees
+        and (error := each.relative_rms.get("output")) is not None
+        and error <= _EXACT * inputs[axis].tolerance
+        for axis, each in found.items()
+        if axis in inputs
+    )
+    if not any(exact):
         return found
     # What replays exactly on one axis was logged at each step: then no other was thinned.
     return {
@@ -83,12 +89,6 @@ def thinned_from(replays: Mapping[str, Replay]) -> float | None:
         if each.reason is ReplayReason.NO_ROWS and "in_file_hz" in each.numbers
     ]
     return 1.0 / max(rates_hz) if rates_hz else None
-
-
-def _exact(result: Replay, given: ReplayInput) -> bool:
-    """Tell whether the output is made anew so closely that no step of the loop can be missing."""
-    error = result.relative_rms.get("output")
-    return result.agrees and error is not None and error <= _EXACT * given.tolerance
 
 
 def _perhaps_thinned(result: Replay, given: ReplayInput | None) -> bool:
@@ -125,26 +125,29 @@ def _replayed(
     )
     agrees = all(one <= given.tolerance * output for one in off)
     result = Replay(relative_rms=errors, agrees=agrees, n_rows=rows.n_rows, as_logged=given.as_logged)
-    return (
+    told = (
         _other_rate(result, given)
         or _changed(result, given, gains, changes)
         or _slew_limited(result, rows)
         or _gains_scaled(result, rows)
-        or (_as_flown(result, rows, found) if agrees else _explained(result, axis, inputs))
     )
+    if told is not None:
+        return told
+    if not agrees:
+        # Of coarse rows only what was found counts, not that nothing was.
+        result = explain(result, axis, inputs)
+        unknown = given.coarse and result.reason is ReplayReason.NOT_EXPLAINED
+        return replace(result, reason=ReplayReason.ROUNDED) if unknown else result
+    # Where the integrator's stops had to be taken from the output itself.
+    fraction = float(found.limited.mean()) if rows.limited is None else 0.0
+    if fraction == 0.0:
+        return result
+    return replace(result, reason=ReplayReason.LIMIT_FLAGS_MISSING, numbers={"inferred_fraction": fraction})
 
 
 def _nothing(reason: ReplayReason) -> Replay:
     """Return a replay that could not be made."""
     return Replay(relative_rms=dict.fromkeys(TERMS), agrees=False, reason=reason)
-
-
-def _explained(result: Replay, axis: str, inputs: Mapping[str, ReplayInput]) -> Replay:
-    """Name what differs; of coarse rows only what was found counts, not that nothing was."""
-    found = explain(result, axis, inputs)
-    if inputs[axis].coarse and found.reason is ReplayReason.NOT_EXPLAINED:
-        return replace(found, reason=ReplayReason.ROUNDED)
-    return found
 
 
 def compared(found: ReplayedTerms, rows: AxisRows) -> dict[Term, float | None]:
@@ -162,17 +165,13 @@ def compared(found: ReplayedTerms, rows: AxisRows) -> dict[Term, float | None]:
     """
     usable = usable_rows(rows)
     logged = {**rows.logged, "output": rows.output}
-    return {
-        term: _relative_rms(found.values[term], logged[term], usable) if term in logged else None
-        for term in TERMS
-    }
-
-
-def _relative_rms(replayed: FloatArray, logged: FloatArray, usable: BoolArray) -> float | None:
-    size, off = (float(np.sqrt(np.mean(one[usable] ** 2))) for one in (logged, replayed - logged))
-    if size == 0.0 and off == 0.0:
-        return None
-    return off / size if size > 0.0 else float("inf")
+    errors: dict[Term, float | None] = dict.fromkeys(TERMS)
+    for term in (term for term in TERMS if term in logged):
+        both = (logged[term], found.values[term] - logged[term])
+        size, off = (float(np.sqrt(np.mean(one[usable] ** 2))) for one in both)
+        if size != 0.0 or off != 0.0:
+            errors[term] = off / size if size > 0.0 else float("inf")
+    return errors
 
 
 def _other_rate(result: Replay, given: ReplayInput) -> Replay | None:
@@ -233,11 +232,3 @@ def _gains_scaled(result: Replay, rows: AxisRows) -> Replay | None:
         reason=ReplayReason.GAINS_SCALED,
         numbers={"fraction": fraction, "lowest_scale": low, "highest_scale": high},
     )
-
-
-def _as_flown(result: Replay, rows: AxisRows, found: ReplayedTerms) -> Replay:
-    """Say where the integrator's stops had to be taken from the output itself."""
-    fraction = float(found.limited.mean()) if rows.limited is None else 0.0
-    if fraction == 0.0:
-        return result
-    return replace(result, reason=ReplayReason.LIMIT_FLAGS_MISSING, numbers={"inferred_fraction": fraction})

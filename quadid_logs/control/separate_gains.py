@@ -784,8 +784,13 @@ class SeparateGains:
             return None
         best = dict(target)
         if not self._is_small_step(target, most_up):
-            part = _largest(lambda part: self._is_small_step(_towards(target, part), most_up), 1.0)
-            near = _towards(target, part)
+            # The largest part of the way that is borne.
+            low, high = 0.0, 1.0
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                small = self._is_small_step(_towards(target, middle), most_up)
+                low, high = (middle, high) if small else (low, middle)
+            near = _towards(target, low)
             # No gain goes beyond its target, to come back later.
             bounds = {name: (min(1.0, factor), max(1.0, factor)) for name, factor in target.items()}
             best = self._searched(near, bounds, most_up)
@@ -798,8 +803,18 @@ class SeparateGains:
         if found is None:
             return None
         factors, controller, promised = found
-        more_flights = self._more_flights(factors, target, most_up)
-        return Step(self._changes(factors, target), controller, promised, more_flights)
+        more_flights = 0
+        if not all(abs(target[name] / factor - 1.0) < _SAME for name, factor in factors.items()):
+            now, then = (self._answer(_sets(one))[0] for one in (factors, target))
+            rise = math.log(float(np.max(then / now)))
+            more_flights = max(math.ceil(rise / math.log(most_up) - _ROUNDING), 1)
+        following, wanted = self._varied.values(factors), self._varied.values(target)
+        common = {name: now for name, now in self._varied.common.items() if name in {**following, **wanted}}
+        gains = {
+            name: GainChange(now, following.get(name, now), wanted.get(name, now))
+            for name, now in {**self._now, **self._varied.with_d, **common}.items()
+        }
+        return Step(gains, controller, promised, more_flights)
 
     def _is_small_step(self, factors: Mapping[str, float], most_up: float) -> bool:
         """Tell whether the controller's gain rises by no more than it may, by the vehicles that decide."""
@@ -822,21 +837,6 @@ class SeparateGains:
         if self._rises(_sets(changed))[0] > (1.0 + _UNCHANGED) * may_rise(least_gain_db(promised), most_up):
             return None
         return changed, controller, promised
-
-    def _more_flights(self, factors: Mapping[str, float], target: Mapping[str, float], most_up: float) -> int:
-        """Return how many flights lie between some gains and the target."""
-        if all(abs(target[name] / factor - 1.0) < _SAME for name, factor in factors.items()):
-            return 0
-        now, then = (self._answer(_sets(one))[0] for one in (factors, target))
-        return max(math.ceil(math.log(float(np.max(then / now))) / math.log(most_up) - _ROUNDING), 1)
-
-    def _changes(self, factors: Mapping[str, float], target: Mapping[str, float]) -> dict[str, GainChange]:
-        following, wanted = self._varied.values(factors), self._varied.values(target)
-        common = {name: now for name, now in self._varied.common.items() if name in {**following, **wanted}}
-        return {
-            name: GainChange(now, following.get(name, now), wanted.get(name, now))
-            for name, now in {**self._now, **self._varied.with_d, **common}.items()
-        }
 
 
 class _Vehicles(NamedTuple):
@@ -889,7 +889,18 @@ class _Noise:
         self._flown = loops.rate[0] / (1.0 + (loops.rate[0] if whole is None else whole[0]))
         self._frequency_hz = loops.frequency_hz
         self._above = self._frequency_hz >= lowest_noise_hz(disturbed.crossover_hz)
-        self._power = _power_over(self._frequency_hz, disturbed)
+        #: Of the noise in the command at each of the frequencies, None where it is not known.
+        self._power: FloatArray | None = None
+        command, band = disturbed.command, None
+        if command is not None and np.isfinite(disturbed.crossover_hz):
+            band = noise_band(command, disturbed.crossover_hz)
+        if command is not None and band is not None:
+            at_hz, power = command.frequency_hz[band], command.density[band] * command.frequency_hz[1]
+            place = np.interp(at_hz, self._frequency_hz, np.arange(self._frequency_hz.size))
+            before = np.minimum(place.astype(np.int64), self._frequency_hz.size - 2)
+            self._power = np.zeros(self._frequency_hz.shape)
+            np.add.at(self._power, before, power * (1.0 - (place - before)))
+            np.add.at(self._power, before + 1, power * (place - before))
         self._aliases: list[IntArray] = []
         now = 0.0 if self._power is None else float(np.sqrt(np.sum(self._power)))
         #: Of the noise as flown.
@@ -940,26 +951,6 @@ def _aliases(frequency_hz: FloatArray, log_hz: float) -> list[IntArray]:
     return found
 
 
-def _power_over(frequency_hz: FloatArray, disturbed: Disturbed) -> FloatArray | None:
-    """Return the noise's power in the command at each of some frequencies, None where it is not known.
-
-    What lies between two of them counts to both, by how near it is.
-    """
-    command = disturbed.command
-    if command is None or not np.isfinite(disturbed.crossover_hz):
-        return None
-    band = noise_band(command, disturbed.crossover_hz)
-    if band is None:
-        return None
-    at_hz, power = command.frequency_hz[band], command.density[band] * command.frequency_hz[1]
-    place = np.interp(at_hz, frequency_hz, np.arange(frequency_hz.size))
-    before = np.minimum(place.astype(np.int64), frequency_hz.size - 2)
-    found = np.zeros(frequency_hz.shape)
-    np.add.at(found, before, power * (1.0 - (place - before)))
-    np.add.at(found, before + 1, power * (place - before))
-    return found
-
-
 class _Slopes:
     """What a search asks for, with slopes by differences: all gains are changed in one go."""
 
@@ -997,17 +988,6 @@ class _Slopes:
             costs, all_kept = self._told(logs + _DIFFERENCE * np.eye(logs.size))
             self._slopes[key] = ((costs - cost) / _DIFFERENCE, ((all_kept - kept) / _DIFFERENCE).T)
         return self._slopes[key]
-
-
-def _largest(bears: Callable[[float], bool], highest: float) -> float:
-    """Return the largest part of a way that is borne, at most the highest; 0 where none is."""
-    if highest == 0.0 or bears(highest):
-        return highest
-    low, high = 0.0, highest
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if bears(middle) else (low, middle)
-    return low
 
 
 def _towards(target: Mapping[str, float], part: float) -> dict[str, float]:

@@ -12,7 +12,6 @@ from quadid_logs.control.loop import integrators, rate_answers
 from quadid_logs.control.margins import is_stable
 from quadid_logs.data.closed_loop import Estimated, Plant, Step
 from quadid_logs.data.controller import AxisController
-from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.normal import ENDS_95
 
 #: A rate loop that is of use has settled by then [s].
@@ -64,53 +63,41 @@ class Steps:
             self._hold_s = controller.period_s
             self._body = self._few.response(frequency_hz, self._hold_s)
         answers = rate_answers(controller, self._body, frequency_hz)
-        return _step(controller, self._few, answers, frequency_hz, n_samples, closed)
-
-
-def _step(
-    controller: AxisController,
-    few: Plant,
-    answers: tuple[ComplexArray, ComplexArray, ComplexArray],
-    frequency_hz: FloatArray,
-    n_samples: int,
-    closed: Response | None,
-) -> Step | None:
-    """Return the step that a closed loop answers with; None where that of the estimate is unstable."""
-    rate, _, target_to_rate = answers
-    stable = is_stable(rate, integrators(controller), few.damping > 0.0)
-    if not stable[0]:
-        return None
-    impulse = np.fft.irfft(target_to_rate[stable], 2 * n_samples, axis=1)
-    steps = np.cumsum(impulse, axis=1, dtype=np.float64)[:, :n_samples]
-    time_s = max(controller.period_s, _FINEST_S) * np.arange(n_samples, dtype=np.float64)
-    low, high = np.quantile(steps, ENDS_95, axis=0) if len(steps) > 1 else (steps[0], steps[0])
-    # Time from 10 to 90 % [s], overshoot [%] and time until settled [s] of steps (n, n_samples).
-    relative = steps / np.mean(steps[:, -(steps.shape[1] // _END) :], axis=1, keepdims=True)
-    first, last = (np.argmax(relative >= level, axis=1) for level in (0.1, 0.9))
-    overshoot = np.maximum(100.0 * (np.max(relative, axis=1) - 1.0), 0.0)
-    unsettled = np.abs(relative - 1.0) > _SETTLED
-    after = unsettled.shape[1] - np.argmax(unsettled[:, ::-1], axis=1)
-    settled_s = np.where(after < time_s.size, time_s[np.minimum(after, time_s.size - 1)], np.inf)
-    figures = (time_s[last] - time_s[first], overshoot, settled_s)
-    measured = None
-    if closed is not None and closed.frequency_hz.size >= _FEWEST_BANDS:
-        # Where nothing was measured, what is next to it was.
-        ratio = [
-            np.interp(frequency_hz, closed.frequency_hz, part)
-            for part in (closed.gain.real, closed.gain.imag)
-        ]
-        spectrum = target_to_rate[0] * (ratio[0] + 1j * ratio[1])
-        measured = np.cumsum(np.fft.irfft(spectrum, 2 * n_samples), dtype=np.float64)[:n_samples]
-    return Step(
-        rise_time_s=_estimated(figures[0]),
-        overshoot_percent=_estimated(figures[1]),
-        settling_time_s=_estimated(figures[2]),
-        time_s=time_s,
-        response=steps[0],
-        low=low,
-        high=high,
-        measured=measured,
-    )
+        rate, _, target_to_rate = answers
+        stable = is_stable(rate, integrators(controller), self._few.damping > 0.0)
+        if not stable[0]:
+            return None
+        impulse = np.fft.irfft(target_to_rate[stable], 2 * n_samples, axis=1)
+        steps = np.cumsum(impulse, axis=1, dtype=np.float64)[:, :n_samples]
+        time_s = max(controller.period_s, _FINEST_S) * np.arange(n_samples, dtype=np.float64)
+        low, high = np.quantile(steps, ENDS_95, axis=0) if len(steps) > 1 else (steps[0], steps[0])
+        # Time from 10 to 90 % [s], overshoot [%] and time until settled [s] of steps (n, n_samples).
+        relative = steps / np.mean(steps[:, -(steps.shape[1] // _END) :], axis=1, keepdims=True)
+        first, last = (np.argmax(relative >= level, axis=1) for level in (0.1, 0.9))
+        overshoot = np.maximum(100.0 * (np.max(relative, axis=1) - 1.0), 0.0)
+        unsettled = np.abs(relative - 1.0) > _SETTLED
+        after = unsettled.shape[1] - np.argmax(unsettled[:, ::-1], axis=1)
+        settled_s = np.where(after < time_s.size, time_s[np.minimum(after, time_s.size - 1)], np.inf)
+        figures = (time_s[last] - time_s[first], overshoot, settled_s)
+        measured = None
+        if closed is not None and closed.frequency_hz.size >= _FEWEST_BANDS:
+            # Where nothing was measured, what is next to it was.
+            ratio = [
+                np.interp(frequency_hz, closed.frequency_hz, part)
+                for part in (closed.gain.real, closed.gain.imag)
+            ]
+            spectrum = target_to_rate[0] * (ratio[0] + 1j * ratio[1])
+            measured = np.cumsum(np.fft.irfft(spectrum, 2 * n_samples), dtype=np.float64)[:n_samples]
+        return Step(
+            rise_time_s=_estimated(figures[0]),
+            overshoot_percent=_estimated(figures[1]),
+            settling_time_s=_estimated(figures[2]),
+            time_s=time_s,
+            response=steps[0],
+            low=low,
+            high=high,
+            measured=measured,
+        )
 
 
 def _estimated(values: FloatArray) -> Estimated:

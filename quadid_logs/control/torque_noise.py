@@ -122,7 +122,11 @@ def torque_noise(
     band = noise_band(spectrum, crossover_hz)
     if band is None:
         return None
-    before, after = (_noise_gain(one, plant, spectrum.frequency_hz) for one in controllers)
+    # L / (1 + L) differs from C / (1 + L) by the vehicle alone.
+    before, after = (
+        (loop.rate / (1.0 + (loop.rate if loop.full is None else loop.full)))[0]
+        for loop in (close(one, plant, spectrum.frequency_hz) for one in controllers)
+    )
     ratio = np.abs(after / before) ** 2
     return Noise(spectrum.deviation(np.ones_like(ratio), band), spectrum.deviation(ratio, band))
 
@@ -158,13 +162,6 @@ def lowest_noise_hz(crossover_hz: float) -> float:
     float
     """
     return _ABOVE_FLIGHT_HZ if np.isnan(crossover_hz) else max(_ABOVE * crossover_hz, _ABOVE_FLIGHT_HZ)
-
-
-def _noise_gain(controller: AxisController, plant: Plant, frequency_hz: FloatArray) -> ComplexArray:
-    """Return L / (1 + L), which differs from C / (1 + L) by the vehicle alone."""
-    loop = close(controller, plant, frequency_hz)
-    whole = loop.rate if loop.full is None else loop.full
-    return np.asarray((loop.rate / (1.0 + whole))[0])
 
 
 def attitude_error(

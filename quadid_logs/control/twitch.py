@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray, IntArray
+from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.control.frequency_response import above_zero
 from quadid_logs.control.loop import gyro_filters, rate_loop
 from quadid_logs.control.margins import is_stable
@@ -203,11 +203,12 @@ def _answers(
         return None
     period_s = max(alone[0].period_s, _FINEST_S)
     frequency_hz = above_zero(np.fft.rfftfreq(2 * round(0.5 * _LENGTH_S / period_s), period_s))
+    ratio = frequency_hz / procedure.filter_hz if procedure.filter_hz > 0.0 else np.zeros(frequency_hz.shape)
     loops = _Loops(
         rate_loop(alone[0], plants, frequency_hz),
         rate_loop(alone[1], plants, frequency_hz),
         gyro_filters(alone[0], frequency_hz),
-        _low_pass(procedure.filter_hz, frequency_hz),
+        np.asarray(1.0 / (1.0 + 1j * ratio), dtype=np.complex128),
         frequency_hz,
         period_s,
         plants.damping,
@@ -215,38 +216,25 @@ def _answers(
 
     def answer(numbers: list[int], found: list[_Gains]) -> list[_Answer]:
         gains = [found[number] for number in numbers]
-        steps, stable = _steps(loops, numbers, gains)
+        p, d, angle = np.transpose([(one.p, one.d, one.angle) for one in gains])[:, :, np.newaxis]
+        of_angle = np.array([one.stage > _P_UP for one in gains])
+        rate = p * loops.proportional[numbers] + d * loops.derivative[numbers]
+        stable = is_stable(rate, 0, loops.runs_away[numbers] > 0.0)
+        answer = rate / (1.0 + rate)
+        answer[~of_angle] *= loops.seen
+        if of_angle.any():
+            s = np.asarray(2j * np.pi * loops.frequency_hz, dtype=np.complex128)
+            outer = angle[of_angle] / s * delay_response(s, loops.period_s) * answer[of_angle] / loops.gyro
+            stable[of_angle] &= is_stable(outer, 1, np.zeros(len(outer), dtype=bool))
+            answer[of_angle] = outer / (1.0 + outer)
+        n = 2 * (loops.frequency_hz.size - 1)
+        impulses = np.fft.irfft(answer, n, axis=1)[:, : round(_TWITCH_S / loops.period_s)]
+        steps = np.cumsum(impulses, axis=1, dtype=np.float64)
         told = _seen(steps[stable], [one for one, ok in zip(gains, stable, strict=True) if ok], procedure)
         seen = iter(told)
         return [next(seen) if ok else _BEYOND for ok in stable]
 
     return answer
-
-
-def _low_pass(cutoff_hz: float, frequency_hz: FloatArray) -> ComplexArray:
-    ratio = frequency_hz / cutoff_hz if cutoff_hz > 0.0 else np.zeros(frequency_hz.shape)
-    return np.asarray(1.0 / (1.0 + 1j * ratio), dtype=np.complex128)
-
-
-def _steps(loops: _Loops, numbers: list[int], gains: list[_Gains]) -> tuple[FloatArray, BoolArray]:
-    """Return the answers to a step of rate or angle, as the stage has it, and whether each is stable.
-
-    They end with the twitch.
-    """
-    p, d, angle = np.transpose([(one.p, one.d, one.angle) for one in gains])[:, :, np.newaxis]
-    of_angle = np.array([one.stage > _P_UP for one in gains])
-    rate = p * loops.proportional[numbers] + d * loops.derivative[numbers]
-    stable = is_stable(rate, 0, loops.runs_away[numbers] > 0.0)
-    answer = rate / (1.0 + rate)
-    answer[~of_angle] *= loops.seen
-    if of_angle.any():
-        s = np.asarray(2j * np.pi * loops.frequency_hz, dtype=np.complex128)
-        outer = angle[of_angle] / s * delay_response(s, loops.period_s) * answer[of_angle] / loops.gyro
-        stable[of_angle] &= is_stable(outer, 1, np.zeros(len(outer), dtype=bool))
-        answer[of_angle] = outer / (1.0 + outer)
-    n = 2 * (loops.frequency_hz.size - 1)
-    impulses = np.fft.irfft(answer, n, axis=1)[:, : round(_TWITCH_S / loops.period_s)]
-    return np.cumsum(impulses, axis=1, dtype=np.float64), stable
 
 
 def _seen(steps: FloatArray, gains: list[_Gains], procedure: Twitching) -> list[_Answer]:

@@ -105,8 +105,18 @@ def figures_of(result: Result) -> Figures:
     everything = [
         figure for maker in dict.fromkeys(row.maker for row in REGISTERED) for figure in _made(maker, result)
     ]
+    # The panels of refused axes say that they show no results.
+    refused = {axis for axis, found in result.diagnosis.axes.items() if found.verdict == "refused"}
+    shown = []
+    for item in everything:
+        if isinstance(item, Figure):
+            panels = tuple(
+                replace(panel, title=f"{panel.title} – refused") if panel.model_of in refused else panel
+                for panel in item.panels
+            )
+            shown.append(replace(item, panels=panels))
     return Figures(
-        shown=tuple(_marked(item, result) for item in everything if isinstance(item, Figure)),
+        shown=tuple(shown),
         left_out=tuple(item for item in everything if isinstance(item, LeftOut)),
     )
 
@@ -116,14 +126,3 @@ def _made(maker: str, result: Result) -> Sequence[Figure | LeftOut]:
     module, _, function = maker.partition(":")
     made = getattr(importlib.import_module(f"{__name__}.{module}"), function)(result)
     return [made] if isinstance(made, Figure | LeftOut) else made
-
-
-def _marked(figure: Figure, result: Result) -> Figure:
-    """Say in the panels of refused axes that they show no results."""
-    found = result.diagnosis.axes
-    refused = {axis for axis in found if found[axis].verdict == "refused"}
-    panels = tuple(
-        replace(panel, title=f"{panel.title} – refused") if panel.model_of in refused else panel
-        for panel in figure.panels
-    )
-    return replace(figure, panels=panels)

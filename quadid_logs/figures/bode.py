@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.model import Model, Response
@@ -17,7 +17,7 @@ from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, 
 from quadid_logs.figures.time_series import torque_axis
 from quadid_logs.identify.select import most_excited
 from quadid_logs.maths.band import ComplexArray, delay_response, gyro_response, lag_response
-from quadid_logs.maths.spectra import WINDOW_S, Spectra, averaged_spectra
+from quadid_logs.maths.spectra import WINDOW_S, averaged_spectra
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
 
 _TITLE = "Response of angular acceleration to torque against frequency"
@@ -141,7 +141,8 @@ def _axis(
     s = 2j * np.pi * frequency_hz
     response = s * model_response(model, frequency_hz, data.gyro_filter)[:, column]
     model_deg = np.degrees(np.unwrap(np.angle(response)))
-    good, measured = _measured(spectra, band)
+    good = (spectra.coherence[band] >= _WORTH_SHOWING) & (spectra.input_psd[band] > 0.0)
+    measured = spectra.cross[band][good] / spectra.input_psd[band][good]
     if by_commands:
         good, measured = np.zeros_like(good), measured[:0]
     measured = measured * s[good]
@@ -222,12 +223,6 @@ def _octaves(found: Response | None, gyro_filter: GyroFilter, *, by_commands: bo
 def _near(phase_deg: FloatArray, model_deg: FloatArray) -> FloatArray:
     """Return the turn of the circle that lies nearest to the model's phase: a phase has no other."""
     return np.asarray(model_deg + (phase_deg - model_deg + 180.0) % 360.0 - 180.0, dtype=np.float64)
-
-
-def _measured(spectra: Spectra, band: BoolArray) -> tuple[BoolArray, ComplexArray]:
-    """Return which frequencies of the band the log tells of, and its response there."""
-    good = (spectra.coherence[band] >= _WORTH_SHOWING) & (spectra.input_psd[band] > 0.0)
-    return good, spectra.cross[band][good] / spectra.input_psd[band][good]
 
 
 def _points(x: FloatArray, y: FloatArray) -> Curve:

@@ -87,8 +87,11 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
     for axis, symbol, held in zip(AXES, RATE_SYMBOLS, found, strict=True):
         refused = axis in verdicts and verdicts[axis].verdict == "refused"
         r2 = model.validation.r2_high_passed_rate.get(symbol, float("nan"))
+        explained = ": refused" if refused else ""
+        if not refused and np.isfinite(r2):
+            explained = f": {100.0 * r2:.3g} % predicted" if r2 > 0.0 else ": nothing predicted"
         in_time = Panel(
-            title=axis.capitalize() + (": refused" if refused else _explained(r2)),
+            title=axis.capitalize() + explained,
             x=Axis(label="time", unit="s"),
             y=replace(held.axis(), label="" if panels else RATE_AXIS.label),
             curves=held.curves(),
@@ -140,13 +143,6 @@ def answer_to_commands(result: Result, axis: str) -> Panel | None:
     return None if r2 >= MIN_SIMULATED_R2 else response_to_commands_panel(result, axis)
 
 
-def _explained(r2: float) -> str:
-    """Say what fraction of the motion is predicted."""
-    if not np.isfinite(r2):
-        return ""
-    return f": {100.0 * r2:.3g} % predicted" if r2 > 0.0 else ": nothing predicted"
-
-
 def held_out_seconds(result: Result) -> tuple[Held, ...]:
     """Return for each axis the held-out seconds that move it most, without what is slower than the fit.
 
@@ -167,9 +163,15 @@ def held_out_seconds(result: Result) -> tuple[Held, ...]:
         if rows.size > 1:
             period_s = (end_s - start_s) / (rows.size - 1)
             fast[rows] = high_pass(rates[rows], period_s, cutoff_hz)
-    return tuple(
-        _held(fit.time_s, fast, chosen, column) for column, chosen in enumerate(shown) if chosen is not None
-    )
+    held = []
+    for column, chosen in enumerate(shown):
+        if chosen is not None:
+            measured, predicted = np.degrees(fast[:, column]), np.degrees(fast[:, len(AXES) + column])
+            off = np.abs(predicted - measured)
+            off = off[np.isfinite(off)]
+            error = float(np.quantile(off, _HELD)) if off.size else float("nan")
+            held.append(Held(fit.time_s[chosen], measured[chosen], predicted[chosen], error))
+    return tuple(held)
 
 
 def slowest_hz(result: Result) -> float:
@@ -178,15 +180,6 @@ def slowest_hz(result: Result) -> float:
     if model is not None and model.band is not None:
         return float(model.band.low_hz[0])
     return result.settings.identify.high_pass_hz
-
-
-def _held(time_s: FloatArray, fast: FloatArray, chosen: BoolArray, column: int) -> Held:
-    """Return the chosen seconds of an axis."""
-    measured, predicted = np.degrees(fast[:, column]), np.degrees(fast[:, len(AXES) + column])
-    off = np.abs(predicted - measured)
-    off = off[np.isfinite(off)]
-    error = float(np.quantile(off, _HELD)) if off.size else float("nan")
-    return Held(time_s[chosen], measured[chosen], predicted[chosen], error)
 
 
 def most_excited_seconds(fit: FitSeries, column: int) -> BoolArray | None:

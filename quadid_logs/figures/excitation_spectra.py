@@ -24,7 +24,20 @@ def excitation_spectra(result: Result) -> Figure | LeftOut:
         return LeftOut(key="excitation", title=title, reason="No segment was long enough for a spectrum.")
     unit = torque_axis(result.data.input).unit
     density = "1/Hz" if unit == "normalised" else f"({unit})²/Hz"
-    bands = _fitted_band(result)
+    # The band below the cut-off of the fit's filter
+    model = result.identification.recommended
+    if model is None or not np.isfinite(model.smoothing_hz):
+        bands: tuple[Band, ...] = ()
+    else:
+        first = min(
+            (
+                float(item.frequency_hz[1])
+                for item in result.identification.excitation
+                if item.frequency_hz.size > 1
+            ),
+            default=0.0,
+        )
+        bands = (Band(start=first, end=model.smoothing_hz, role="held-out", label="fitted band"),)
     panels = (
         Panel(
             title="Body rate",
@@ -63,19 +76,3 @@ def _curve(item: Excitation, density: FloatArray) -> Curve:
     keep = (item.frequency_hz > 0.0) & np.isfinite(density) & (density > 0.0)
     x, y = thin_line(item.frequency_hz[keep], density[keep])
     return Curve(label=item.axis, x=x, y=y, role=item.axis)
-
-
-def _fitted_band(result: Result) -> tuple[Band, ...]:
-    """Return the band below the cut-off of the fit's filter."""
-    model = result.identification.recommended
-    if model is None or not np.isfinite(model.smoothing_hz):
-        return ()
-    first = min(
-        (
-            float(item.frequency_hz[1])
-            for item in result.identification.excitation
-            if item.frequency_hz.size > 1
-        ),
-        default=0.0,
-    )
-    return (Band(start=first, end=model.smoothing_hz, role="held-out", label="fitted band"),)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadid_logs.data.flight import GyroCheck
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Panel
 from quadid_logs.numerals import plus_minus
@@ -37,23 +36,21 @@ def gyro_against_attitude(result: Result) -> Figure | LeftOut:
                 ),
             )
         )
+    # How the two lie in time, where the flight tells it
+    lag_ms, half_width_ms = 1e3 * check.lag_s, 1e3 * check.lag_half_width_s
+    if half_width_ms > _VAGUE_MS:
+        lag = ""
+    elif abs(lag_ms) < 1.0:
+        lag = "Both are logged at the same time."
+    else:
+        order = "after" if lag_ms > 0.0 else "before"
+        cause = ": the filter of the gyro delays them" if lag_ms > 0.0 else ""
+        known_ms = max(half_width_ms, 0.1)
+        lag = f"The rates come {plus_minus(abs(lag_ms), known_ms)} ms {order} the attitude{cause}."
     caption = (
         f"Change of each angle over {check.start_s.size} intervals of {check.length_s:g} s. Points on the "
         "dashed line: what the body rates add up to is what the attitude shows, so units, signs and axes of "
         "the log are right. A round cloud says nothing: the axis hardly turned, or the rates were logged too "
-        f"slowly to add them up. {_lag(check)}"
+        f"slowly to add them up. {lag}"
     )
     return Figure(key="gyro", title=title, caption=caption, panels=tuple(panels), columns=3)
-
-
-def _lag(check: GyroCheck) -> str:
-    """Say how the two lie in time, where the flight tells it."""
-    lag_ms, half_width_ms = 1e3 * check.lag_s, 1e3 * check.lag_half_width_s
-    if half_width_ms > _VAGUE_MS:
-        return ""
-    if abs(lag_ms) < 1.0:
-        return "Both are logged at the same time."
-    order = "after" if lag_ms > 0.0 else "before"
-    cause = ": the filter of the gyro delays them" if lag_ms > 0.0 else ""
-    known_ms = max(half_width_ms, 0.1)
-    return f"The rates come {plus_minus(abs(lag_ms), known_ms)} ms {order} the attitude{cause}."

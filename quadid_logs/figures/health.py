@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -52,12 +51,35 @@ def health_figures(result: Result) -> list[Figure | LeftOut]:
             Axis(label="angle", unit="deg"),
             f"{_said(health.attitude)} The wide line is the vehicle, the thin one its set-point.",
         )
+    rates = steps = None
+    if health.tracking is not None:
+        rates = _followed(
+            result,
+            "tracking",
+            ("body_rate", "body_rate_setpoint"),
+            Axis(label="body rate", unit="deg/s"),
+            f"{_said(health.tracking)} In a good loop the wide line lies under the thin one, a little later. "
+            "A rate that swings while its set-point is calm is an oscillation; one that stays short of its "
+            "set-point meets a limit.",
+        )
+    if health.steps is not None:
+        steps = Figure(
+            key=_KEYS["steps"],
+            title=_TITLES["steps"],
+            caption=(
+                f"{_said(health.steps)} Computed from set-points and rates of the whole flight; shaded: "
+                "the 95 % interval. Dashed: a perfect loop, as sharp as these set-points can show it. A "
+                "step is large from half of the largest set-points on."
+            ),
+            panels=tuple(_step_panel(axis, one) for axis, one in health.steps.axes.items()),
+            columns=3,
+        )
     made: dict[str, Figure | None] = {
-        "tracking": _desired_and_actual(result, health),
+        "tracking": rates,
         "rates": _course(health.rates, "rates"),
         "attitude": angles,
         "tilt": _course(health.tilt, "tilt"),
-        "steps": _steps(health),
+        "steps": steps,
         "noise": _spectrum(health, result.data.gyro_filter),
         "maps": _maps(health, result.data.gyro_filter),
         "motors": _motors(health),
@@ -124,21 +146,6 @@ def _reason(health: Health, name: str) -> str:
     return f"{printable(told[:1].upper() + told[1:], 200)}."
 
 
-def _desired_and_actual(result: Result, health: Health) -> Figure | None:
-    """Show the rates that were commanded over those that were flown, over the whole log."""
-    if health.tracking is None:
-        return None
-    return _followed(
-        result,
-        "tracking",
-        ("body_rate", "body_rate_setpoint"),
-        Axis(label="body rate", unit="deg/s"),
-        f"{_said(health.tracking)} In a good loop the wide line lies under the thin one, a little later. "
-        "A rate that swings while its set-point is calm is an oscillation; one that stays short of its "
-        "set-point meets a limit.",
-    )
-
-
 def _followed(result: Result, name: str, signals: tuple[str, str], axis: Axis, caption: str) -> Figure | None:
     found = [result.data.overview.get(signal) for signal in signals]
     if any(each is None or not each.time_s.size for each in found):
@@ -174,23 +181,6 @@ def _tracked(overview: Overview, column: int, drawn: tuple[str, str, Mark]) -> C
     return Curve(label=label, x=x, y=y, role=role, mark=mark, samples=time_s.size)
 
 
-def _steps(health: Health) -> Figure | None:
-    """Show the measured step responses of the axes whose set-points tell them."""
-    if health.steps is None:
-        return None
-    return Figure(
-        key=_KEYS["steps"],
-        title=_TITLES["steps"],
-        caption=(
-            f"{_said(health.steps)} Computed from set-points and rates of the whole flight; shaded: "
-            "the 95 % interval. Dashed: a perfect loop, as sharp as these set-points can show it. A "
-            "step is large from half of the largest set-points on."
-        ),
-        panels=tuple(_step_panel(axis, steps) for axis, steps in health.steps.axes.items()),
-        columns=3,
-    )
-
-
 def _step_panel(axis: str, steps: AxisSteps) -> Panel:
     time_ms = 1e3 * steps.time_s
     roles = {"all": "series-1", "small": "series-3", "large": "series-2"}
@@ -215,8 +205,11 @@ def _step_panel(axis: str, steps: AxisSteps) -> Panel:
     )
 
 
-def _filter_words(known: GyroFilter) -> str:
-    """Name the filters, "" where none is known."""
+def _spectrum(health: Health, known: GyroFilter) -> Figure | None:
+    """Show the gyro's spectrum of each axis behind the filters and before them."""
+    noise = health.noise
+    if noise is None:
+        return None
     low_pass_hz, notches = known.low_pass_hz, known.notches
     parts = [f"low-pass of {number(low_pass_hz, 3)} Hz"] if np.isfinite(low_pass_hz) else []
     parts += [f"notch at {number(notch.frequency_hz, 3)} Hz" for notch in notches[:_MOST_NOTCHES]]
@@ -231,15 +224,7 @@ def _filter_words(known: GyroFilter) -> str:
                 if low == high
                 else f"notches that moved, the lowest from {low} to {high} Hz"
             )
-    return ", ".join(parts)
-
-
-def _spectrum(health: Health, known: GyroFilter) -> Figure | None:
-    """Show the gyro's spectrum of each axis behind the filters and before them."""
-    noise = health.noise
-    if noise is None:
-        return None
-    words = _filter_words(known)
+    words = ", ".join(parts)
     filters = f" Known filters: {words}." if words else ""
     if noise.before is None and noise.after is not None and words:
         filters += (
@@ -273,6 +258,13 @@ def _spectrum_panel(noise: Noise, column: int, known: GyroFilter) -> Panel:
     shown = noise.after or noise.before
     highest_hz = float(shown.frequency_hz[-1]) if shown is not None else 0.0
     lines = noise.lines.get(AXES[column], ())
+    labelled: list[tuple[Line, str]] = []
+    for line in sorted(lines[:2], key=lambda one: -one.height_db):
+        near = any(
+            label and 1.0 / _LABELS_APART < line.frequency_hz / other.frequency_hz < _LABELS_APART
+            for other, label in labelled
+        )
+        labelled.append((line, "" if near else f"{line.frequency_hz:.3g} Hz"))
     return Panel(
         title=AXES[column].capitalize(),
         x=Axis(label="frequency", unit="Hz", log=True),
@@ -286,22 +278,10 @@ def _spectrum_panel(noise: Noise, column: int, known: GyroFilter) -> Panel:
             ),
             *(
                 Level(value=line.frequency_hz, role="saturated", label=label, along="x")
-                for line, label in _labelled(lines[:2])
+                for line, label in labelled
             ),
         ),
     )
-
-
-def _labelled(lines: Sequence[Line]) -> list[tuple[Line, str]]:
-    """Return each line with its label, the lower one of two that are near to each other with none."""
-    labelled: list[tuple[Line, str]] = []
-    for line in sorted(lines, key=lambda one: -one.height_db):
-        near = any(
-            label and 1.0 / _LABELS_APART < line.frequency_hz / other.frequency_hz < _LABELS_APART
-            for other, label in labelled
-        )
-        labelled.append((line, "" if near else f"{line.frequency_hz:.3g} Hz"))
-    return labelled
 
 
 def _density(label: str, spectrum: GyroSpectrum, column: int, role: str) -> Curve:

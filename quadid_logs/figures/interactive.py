@@ -15,7 +15,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.figures.end_labels import at_the_right, labelled, names_at_ends
 from quadid_logs.figures.palette import HEAT_COLOURS, HEAT_PERCENTILES, WIDE_OPACITY, band_opacity
-from quadid_logs.figures.spec import Axis, Curve, Figure, Heat, Level, Panel, Ribbon
+from quadid_logs.figures.spec import Axis, Curve, Figure, Heat, Panel, Ribbon
 from quadid_logs.figures.ticks import log_ticks, shown_range
 
 _ROW_PX = {1: 190.0, 2: 180.0, 3: 300.0}
@@ -47,10 +47,30 @@ def interactive(figure: Figure) -> dict[str, Any]:
             *(_trace(curve, panel, number, seen) for curve in panel.curves),
         )
     ]
+    # Empty traces explain the shading in the legend.
+    bands = {band.label: band for panel in figure.panels for band in panel.bands if band.label}
+    traces += [
+        {
+            "type": "scatter",
+            "name": _name(label),
+            "legendgroup": _name(label),
+            "x": [None],
+            "y": [None],
+            "mode": "markers",
+            "hoverinfo": "skip",
+            "marker": {
+                "symbol": "square",
+                "size": 11,
+                "color": f"@{band.role}",
+                "opacity": min(1.0, 2.5 * band_opacity(band.role)),
+            },
+        }
+        for label, band in list(bands.items())[:_MOST_LEGEND_BANDS]
+    ]
     return {
         "key": figure.key,
         "over_time": figure.over_time,
-        "data": traces + _band_legend(figure),
+        "data": traces,
         "layouts": {"wide": _layout(figure, figure.columns), "narrow": _layout(figure, 1, narrow=True)},
     }
 
@@ -134,7 +154,17 @@ def _trace(curve: Curve, panel: Panel, number: int, seen: set[str]) -> dict[str,
     if curve.mark == "points":
         trace["marker"] = {"color": colour, "size": 4, "opacity": 0.55}
     elif curve.mark == "bars":
-        trace |= {"marker": {"color": colour, "size": 8}} | _error_bars(curve, colour)
+        trace["marker"] = {"color": colour, "size": 8}
+        if curve.low is not None and curve.high is not None:
+            up, down = curve.high - curve.y, curve.y - curve.low
+            trace["error_y"] = {
+                "type": "data",
+                "symmetric": False,
+                "array": _typed(np.where(np.isfinite(up), up, 0.0), "f4"),
+                "arrayminus": _typed(np.where(np.isfinite(down), down, 0.0), "f4"),
+                "color": colour,
+                "thickness": 1.6,
+            }
     else:
         width = {"line": 1.3, "wide": 4.5, "dashed": 1.3, "thick": 10}[curve.mark]
         trace["line"] = {
@@ -147,46 +177,6 @@ def _trace(curve: Curve, panel: Panel, number: int, seen: set[str]) -> dict[str,
     if curve.mark == "thick":
         trace["hovertemplate"] = "%{x:.4~g} s"
     return trace
-
-
-def _error_bars(curve: Curve, colour: str) -> dict[str, Any]:
-    """Return asymmetric error bars, none where they are not known."""
-    if curve.low is None or curve.high is None:
-        return {}
-    up, down = curve.high - curve.y, curve.y - curve.low
-    return {
-        "error_y": {
-            "type": "data",
-            "symmetric": False,
-            "array": _typed(np.where(np.isfinite(up), up, 0.0), "f4"),
-            "arrayminus": _typed(np.where(np.isfinite(down), down, 0.0), "f4"),
-            "color": colour,
-            "thickness": 1.6,
-        }
-    }
-
-
-def _band_legend(figure: Figure) -> list[dict[str, Any]]:
-    """Return empty traces that explain the shading in the legend."""
-    labels = {band.label: band for panel in figure.panels for band in panel.bands if band.label}
-    return [
-        {
-            "type": "scatter",
-            "name": _name(label),
-            "legendgroup": _name(label),
-            "x": [None],
-            "y": [None],
-            "mode": "markers",
-            "hoverinfo": "skip",
-            "marker": {
-                "symbol": "square",
-                "size": 11,
-                "color": f"@{band.role}",
-                "opacity": min(1.0, 2.5 * band_opacity(band.role)),
-            },
-        }
-        for label, band in list(labels.items())[:_MOST_LEGEND_BANDS]
-    ]
 
 
 def _layout(figure: Figure, columns: int, *, narrow: bool = False) -> dict[str, Any]:
@@ -208,9 +198,17 @@ def _layout(figure: Figure, columns: int, *, narrow: bool = False) -> dict[str, 
     labels |= {ribbon.label for panel in figure.panels for ribbon in panel.ribbons}
     longest_px = _LETTER_PX * max(map(len, labels), default=0) + 48.0
     top_px = _TOP_PX + _LEGEND_ROW_PX * (-(-len(labels) // max(1, int(legend_px / longest_px))))
+    # To the right, names at the ends of lines.
+    panels = figure.panels if narrow else at_the_right(figure)
+    longest = max((len(curve.label) for panel in panels for curve in labelled(panel)), default=0)
     layout: dict[str, Any] = {
         "height": round(inside_px + top_px + _BOTTOM_PX),
-        "margin": {"l": 66, "r": _right_px(figure, narrow=narrow), "t": top_px, "b": _BOTTOM_PX},
+        "margin": {
+            "l": 66,
+            "r": _RIGHT_PX + round(longest * (_LETTER_NARROW_PX if narrow else _LETTER_PX)),
+            "t": top_px,
+            "b": _BOTTOM_PX,
+        },
         "paper_bgcolor": "@paper",
         "plot_bgcolor": "@paper",
         "font": {"color": "@ink", "size": 12, "family": "system-ui, sans-serif"},
@@ -234,40 +232,19 @@ def _layout(figure: Figure, columns: int, *, narrow: bool = False) -> dict[str, 
         bottom = max(0.0, top - height / inside_px)
         for column, panel in enumerate(panels):
             number = row * columns + column + 1
-            labelled = not figure.over_time or number > len(figure.panels) - columns
+            with_labels = not figure.over_time or number > len(figure.panels) - columns
             # Left and right end of a column, as fractions of the width.
             width = (1.0 - _COLUMN_GAP * (columns - 1)) / columns
             left = column * (width + _COLUMN_GAP)
             x_domain = (left, min(1.0, left + width))
-            _add_axes(layout, figure, panel, number, (x_domain, (bottom, top)), labelled=labelled)
+            _add_axes(layout, figure, panel, number, (x_domain, (bottom, top)), labelled=with_labels)
         top = bottom - gap_px / inside_px
     return layout
-
-
-def _right_px(figure: Figure, *, narrow: bool) -> int:
-    """Return the margin that names at the ends of lines need."""
-    panels = figure.panels if narrow else at_the_right(figure)
-    longest = max((len(curve.label) for panel in panels for curve in labelled(panel)), default=0)
-    return _RIGHT_PX + round(longest * (_LETTER_NARROW_PX if narrow else _LETTER_PX))
 
 
 def _name(label: str) -> str:
     """Return a label as Plotly shows it: as text, whatever it holds."""
     return html.escape(label, quote=False)
-
-
-def _leader(figure: Figure, panel: Panel) -> int:
-    """Return the panel, from 1, that one follows when somebody zooms; 0 where it follows none.
-
-    Over time all follow the first, over frequency all that show the same frequencies.
-    """
-    if figure.over_time:
-        return 1
-    if not (panel.x.log and panel.x.unit == "Hz"):
-        return 0
-    mine = panel.x, shown_range(panel, "x")
-    alike = ((each.x, shown_range(each, "x")) == mine for each in figure.panels)
-    return next(number for number, same in enumerate(alike, start=1) if same)
 
 
 def _add_axes(
@@ -287,7 +264,15 @@ def _add_axes(
         x_axis |= {"nticks": 3, "tickangle": 0}
     if not labelled:
         x_axis.pop("title")
-    first = _axis_id("x", _leader(figure, panel) or number)
+    if figure.over_time:
+        leader = 1
+    elif not (panel.x.log and panel.x.unit == "Hz"):
+        leader = 0
+    else:
+        mine = panel.x, shown_range(panel, "x")
+        alike = ((each.x, shown_range(each, "x")) == mine for each in figure.panels)
+        leader = next(number for number, same in enumerate(alike, start=1) if same)
+    first = _axis_id("x", leader or number)
     if first != x_id:
         x_axis["matches"] = first
     layout[_axis_id("xaxis", number)] = x_axis
@@ -309,23 +294,21 @@ def _add_axes(
         }
         for label in panel.labels
     ]
-    layout["annotations"] += [_level_words(level, panel, x_id, y_id) for level in panel.levels if level.label]
+    for level in panel.levels:
+        if level.label:
+            # At the end of the line.
+            along_y = level.along == "y"
+            axis = panel.y if along_y else panel.x
+            place = float(np.log10(level.value)) if axis.log else level.value
+            words = html.escape(level.label, quote=False)
+            if along_y:
+                written = _text(words, (x_id, y_id), (1.0, place), ("right", "bottom")) | {"yref": y_id}
+            else:
+                written = _text(words, (x_id, y_id), (place, 1.0), ("left", "top")) | {"xref": x_id}
+            layout["annotations"].append(written | _BOXED)
     if panel.note:
         note = html.escape(panel.note, quote=False)
         layout["annotations"].append(_text(note, (x_id, y_id), (1.0, 1.0), ("right", "top")) | _BOXED)
-
-
-def _level_words(level: Level, panel: Panel, x_id: str, y_id: str) -> dict[str, Any]:
-    """Return the words of a reference line, at its end."""
-    along_y = level.along == "y"
-    axis = panel.y if along_y else panel.x
-    place = float(np.log10(level.value)) if axis.log else level.value
-    words = html.escape(level.label, quote=False)
-    if along_y:
-        written = _text(words, (x_id, y_id), (1.0, place), ("right", "bottom")) | {"yref": y_id}
-    else:
-        written = _text(words, (x_id, y_id), (place, 1.0), ("left", "top")) | {"xref": x_id}
-    return written | _BOXED
 
 
 def _axis(panel: Panel, name: str, domain: tuple[float, float]) -> dict[str, Any]:

@@ -37,9 +37,19 @@ def fit_figures(result: Result) -> list[Figure | LeftOut]:
     if model is None or fit is None or not fit.time_s.size:
         reason = "No model was fitted." if model is None else "The model keeps no series to compare."
         return [LeftOut(key="fit", title="Fit", reason=reason)]
+    series = (fit.acceleration, fit.modelled_acceleration)
+    panels = _pair(fit.time_s, series, ("measured", "model"), _ACCELERATION, _held_out(fit))
+    known = model.validation.r2_acceleration
+    notes = [_r2_note(known.get(symbol)) for symbol in ACCELERATION_SYMBOLS]
     return [
         _close_look(model, fit),
-        _acceleration(model, fit),
+        Figure(
+            key="fit",
+            title=f"Measured and modelled acceleration: {model.structure}",
+            caption="The two lines should lie on each other, peaks included." + _HELD_OUT,
+            panels=_noted(panels, notes),
+            over_time=True,
+        ),
         _simulation(model, fit),
         _residuals(model, fit),
     ]
@@ -89,7 +99,16 @@ def _pair(
             x, y = thin_line(time_s, np.degrees(values[:, column]), CARRIED)
             mark: Mark = "wide" if role == "measured" else "line"
             curves.append(Curve(label=label, x=x, y=y, role=role, mark=mark, samples=time_s.size))
-        y_axis = _around(axis, np.degrees(series[0][:, column]), np.degrees(series[1][:, column]))
+        # The axis, held to the measured values where a diverging model would flatten them
+        measured = np.degrees(series[0][:, column])
+        modelled = np.degrees(series[1][:, column])
+        y_axis = axis
+        if np.isfinite(measured).any() and np.isfinite(modelled).any():
+            low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
+            margin = (high - low) or 1.0
+            shown = modelled[np.isfinite(modelled)]
+            if not (shown.min() > low - margin and shown.max() < high + margin):
+                y_axis = replace(axis, low=low - margin, high=high + margin)
         panels.append(
             Panel(
                 title=name.capitalize(),
@@ -103,36 +122,9 @@ def _pair(
     return panels
 
 
-def _around(axis: Axis, measured: FloatArray, modelled: FloatArray) -> Axis:
-    """Return the axis, held to the measured values where a diverging model would flatten them."""
-    if not (np.isfinite(measured).any() and np.isfinite(modelled).any()):
-        return axis
-    low, high = float(np.nanmin(measured)), float(np.nanmax(measured))
-    margin = (high - low) or 1.0
-    shown = modelled[np.isfinite(modelled)]
-    if shown.min() > low - margin and shown.max() < high + margin:
-        return axis
-    return replace(axis, low=low - margin, high=high + margin)
-
-
 def _noted(panels: list[Panel], notes: list[str]) -> tuple[Panel, ...]:
     """Return the panels with a note inside each."""
     return tuple(replace(panel, note=note) for panel, note in zip(panels, notes, strict=True))
-
-
-def _acceleration(model: Model, fit: FitSeries) -> Figure:
-    """Compare the acceleration of the model with the measured one."""
-    series = (fit.acceleration, fit.modelled_acceleration)
-    panels = _pair(fit.time_s, series, ("measured", "model"), _ACCELERATION, _held_out(fit))
-    known = model.validation.r2_acceleration
-    notes = [_r2_note(known.get(symbol)) for symbol in ACCELERATION_SYMBOLS]
-    return Figure(
-        key="fit",
-        title=f"Measured and modelled acceleration: {model.structure}",
-        caption="The two lines should lie on each other, peaks included." + _HELD_OUT,
-        panels=_noted(panels, notes),
-        over_time=True,
-    )
 
 
 def _simulation(model: Model, fit: FitSeries) -> Figure:

@@ -16,7 +16,7 @@ from quadid_logs.figures.palette import (
     WIDE_OPACITY,
     band_opacity,
 )
-from quadid_logs.figures.spec import Curve, Figure, Level, Panel
+from quadid_logs.figures.spec import Curve, Figure, Panel
 from quadid_logs.figures.ticks import log_ticks, shown_range
 
 if TYPE_CHECKING:
@@ -155,7 +155,22 @@ def _draw_panel(axes: Axes, panel: Panel, *, with_x_label: bool) -> None:
     for curve in panel.curves:
         _draw_curve(axes, curve)
     for level in panel.levels:
-        _draw_level(axes, level)
+        along_y = level.along == "y"
+        add_line = axes.axhline if along_y else axes.axvline
+        add_line(level.value, color=LIGHT[level.role], linewidth=1.1, linestyle=(0, (5, 2)), zorder=3)
+        if level.label:
+            axes.annotate(
+                _drawable(level.label),
+                (0.995, level.value) if along_y else (level.value, 0.97),
+                xycoords=("axes fraction", "data") if along_y else ("data", "axes fraction"),
+                xytext=(0, 2) if along_y else (3, 0),
+                textcoords="offset points",
+                ha="right" if along_y else "left",
+                va="bottom" if along_y else "top",
+                fontsize=8,
+                zorder=5,
+                bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1.0},
+            )
     for label in panel.labels:
         axes.text(
             label.x, label.y, _drawable(label.text), color=LIGHT[label.role], ha="center", va="center",
@@ -172,36 +187,21 @@ def _draw_panel(axes: Axes, panel: Panel, *, with_x_label: bool) -> None:
         )  # fmt: skip
 
 
-def _draw_level(axes: Axes, level: Level) -> None:
-    """Draw a reference line with its words at its end."""
-    along_y = level.along == "y"
-    draw = axes.axhline if along_y else axes.axvline
-    draw(level.value, color=LIGHT[level.role], linewidth=1.1, linestyle=(0, (5, 2)), zorder=3)
-    if level.label:
-        axes.annotate(
-            _drawable(level.label),
-            (0.995, level.value) if along_y else (level.value, 0.97),
-            xycoords=("axes fraction", "data") if along_y else ("data", "axes fraction"),
-            xytext=(0, 2) if along_y else (3, 0),
-            textcoords="offset points",
-            ha="right" if along_y else "left",
-            va="bottom" if along_y else "top",
-            fontsize=8,
-            zorder=5,
-            bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1.0},
-        )
-
-
 def _draw_curve(axes: Axes, curve: Curve) -> None:
     """Draw one series the way its mark says."""
     colour = LIGHT[curve.role]
     if curve.mark == "points":
         axes.plot(curve.x, curve.y, ".", color=colour, markersize=2.5, alpha=0.6, rasterized=True)
     elif curve.mark == "bars":
+        # Lengths below and above, 0 where unknown.
+        error = None
+        if curve.low is not None and curve.high is not None:
+            lengths = np.array([curve.y - curve.low, curve.high - curve.y])
+            error = np.where(np.isfinite(lengths), np.maximum(lengths, 0.0), 0.0)
         axes.errorbar(
             curve.x,
             curve.y,
-            yerr=_error(curve),
+            yerr=error,
             fmt="o",
             color=colour,
             markersize=5,
@@ -217,19 +217,27 @@ def _draw_curve(axes: Axes, curve: Curve) -> None:
         )
 
 
-def _error(curve: Curve) -> Any:
-    """Return the lengths of the error bars below and above, 0 where unknown."""
-    if curve.low is None or curve.high is None:
-        return None
-    lengths = np.array([curve.y - curve.low, curve.high - curve.y])
-    return np.where(np.isfinite(lengths), np.maximum(lengths, 0.0), 0.0)
-
-
 def _set_axis(axes: Axes, name: str, panel: Panel, *, labelled: bool) -> None:
     """Set scale, range, ticks and label of one axis."""
     axis = panel.x if name == "x" else panel.y
     if axis.log:
-        _set_log_ticks(axes, name, panel)
+        from matplotlib.ticker import NullLocator
+
+        # Minor ticks without labels took a fifth of the time of drawing.
+        axes.set(**{f"{name}scale": "log"})
+        getattr(axes, f"{name}axis").set_minor_locator(NullLocator())
+        shown = shown_range(panel, name)
+        if shown is not None:
+            limits = getattr(axes, f"get_{name}lim")()
+            ticks = log_ticks(*shown)
+            axes.set(
+                **{
+                    f"{name}ticks": [tick.value for tick in ticks],
+                    f"{name}ticklabels": [tick.text for tick in ticks],
+                }
+            )
+            # A tick beyond the data would widen the axis.
+            axes.set(**{f"{name}lim": limits})
     if axis.low is not None or axis.high is not None:
         axes.set(**{f"{name}lim": (axis.low, axis.high)})
     if axis.ticks:
@@ -239,26 +247,6 @@ def _set_axis(axes: Axes, name: str, panel: Panel, *, labelled: bool) -> None:
         axes.set(**{f"{name}label": _drawable(axis.title)})
     else:
         axes.tick_params(labelbottom=False)
-
-
-def _set_log_ticks(axes: Axes, name: str, panel: Panel) -> None:
-    """Make an axis logarithmic; minor ticks without labels took a fifth of the time of drawing."""
-    from matplotlib.ticker import NullLocator
-
-    axes.set(**{f"{name}scale": "log"})
-    getattr(axes, f"{name}axis").set_minor_locator(NullLocator())
-    shown = shown_range(panel, name)
-    if shown is not None:
-        limits = getattr(axes, f"get_{name}lim")()
-        ticks = log_ticks(*shown)
-        axes.set(
-            **{
-                f"{name}ticks": [tick.value for tick in ticks],
-                f"{name}ticklabels": [tick.text for tick in ticks],
-            }
-        )
-        # A tick beyond the data would widen the axis.
-        axes.set(**{f"{name}lim": limits})
 
 
 def _legend(canvas: Canvas, figure: Figure, total_in: float) -> None:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.data.result import Result
 from quadid_logs.data.torque import TorqueModel
-from quadid_logs.figures.spec import Axis, Curve, Figure, Label, LeftOut, Panel
+from quadid_logs.figures.spec import Axis, Curve, Figure, Label, LeftOut, Mark, Panel
 
 #: Radius of a rotor disc, of the one below it, of the nose arrow, and the longest side of an arrow head, in
 #: longest arms.
@@ -39,11 +38,21 @@ def airframe_from_above(result: Result) -> Figure | LeftOut:
     size = _NOSE * reach
     x = size * np.array([0.0, 0.0, np.nan, -0.3, 0.0, 0.3])
     y = size * np.array([-0.6, 1.0, np.nan, 0.6, 1.0, 0.6])
+    # A line from the centre to the edge of each disc, all in one series.
+    length = np.hypot(model.position[:, 0], model.position[:, 1])
+    shown = np.maximum(length - _DISC * length.max(), 0.0) / np.where(length > 0.0, length, 1.0)
+    forward, right = model.position[:, 0] * shown, model.position[:, 1] * shown
+    gap, zero = np.full_like(right, np.nan), np.zeros_like(right)
+    across, up = (np.column_stack([zero, end, gap]).ravel() for end in (right, forward))
     panel = Panel(
         title=model.frame,
         x=Axis(label="to the right", unit=unit),
         y=Axis(label="to the front", unit=unit, low=-edge, high=edge),
-        curves=(*_arms(model), *(Curve(label="nose", x=x, y=y, role="ink"),), *curves),
+        curves=(
+            Curve(label="arm", x=across, y=up, role="muted"),
+            Curve(label="nose", x=x, y=y, role="ink"),
+            *curves,
+        ),
         labels=labels,
         equal=True,
         height=1.7,
@@ -59,16 +68,6 @@ def airframe_from_above(result: Result) -> Figure | LeftOut:
     return Figure(key="airframe", title=title, caption=" ".join(parts), panels=(panel,), small=True)
 
 
-def _arms(model: TorqueModel) -> tuple[Curve, ...]:
-    """Return a line from the centre to the edge of each disc, all in one series."""
-    length = np.hypot(model.position[:, 0], model.position[:, 1])
-    shown = np.maximum(length - _DISC * length.max(), 0.0) / np.where(length > 0.0, length, 1.0)
-    forward, right = model.position[:, 0] * shown, model.position[:, 1] * shown
-    gap, zero = np.full_like(right, np.nan), np.zeros_like(right)
-    x, y = (np.column_stack([zero, end, gap]).ravel() for end in (right, forward))
-    return (Curve(label="arm", x=x, y=y, role="muted"),)
-
-
 def _rotors(model: TorqueModel, reach: float) -> tuple[list[Curve], tuple[Label, ...]]:
     """Return the discs with their arrows, a smaller dashed one for the rotor below, and the numbers."""
     places: dict[tuple[int, int], list[int]] = {}
@@ -82,23 +81,21 @@ def _rotors(model: TorqueModel, reach: float) -> tuple[list[Curve], tuple[Label,
             word, role = _SPIN[float(np.sign(model.spin[number]))]
             radius = reach * (_DISC if layer == 0 else _LOWER_DISC)
             forward, right = (float(value) for value in model.position[number, :2])
-            x, y = _disc(right, forward, radius, spin=float(np.sign(model.spin[number])), head=_HEAD * reach)
-            curves.append(Curve(label=word, x=x, y=y, role=role, mark="line" if layer == 0 else "dashed"))
+            # A nearly full circle that ends in an arrow head, as one line with a gap
+            spin = float(np.sign(model.spin[number]))
+            head = _HEAD * reach
+            angle = np.linspace(0.0, _TURN if spin else 2.0 * np.pi, 60) * (spin or 1.0) + 0.5 * np.pi
+            around = np.column_stack([right + radius * np.cos(angle), forward + radius * np.sin(angle)])
+            if spin:
+                ahead = angle[-1] + spin * 0.5 * np.pi
+                barbs = [
+                    around[-1] - head * np.array([np.cos(ahead + turn), np.sin(ahead + turn)])
+                    for turn in (0.5, -0.5)
+                ]
+                around = np.vstack([around, [[np.nan, np.nan]], barbs[0], around[-1], barbs[1]])
+            mark: Mark = "line" if layer == 0 else "dashed"
+            curves.append(Curve(label=word, x=around[:, 0], y=around[:, 1], role=role, mark=mark))
         forward, right = (float(value) for value in model.position[upper_first[0], :2])
         text = " / ".join(str(number + 1) for number in upper_first)
         labels.append(Label(text=text, x=right, y=forward, role="ink"))
     return curves, tuple(labels)
-
-
-def _disc(x: float, y: float, radius: float, *, spin: float, head: float) -> tuple[FloatArray, FloatArray]:
-    """Return a nearly full circle that ends in an arrow head, as one line with a gap."""
-    angle = np.linspace(0.0, _TURN if spin else 2.0 * np.pi, 60) * (spin or 1.0) + 0.5 * np.pi
-    around = np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
-    if not spin:
-        return around[:, 0], around[:, 1]
-    ahead = angle[-1] + spin * 0.5 * np.pi
-    barbs = [
-        around[-1] - head * np.array([np.cos(ahead + turn), np.sin(ahead + turn)]) for turn in (0.5, -0.5)
-    ]
-    line = np.vstack([around, [[np.nan, np.nan]], barbs[0], around[-1], barbs[1]])
-    return line[:, 0], line[:, 1]

@@ -33,7 +33,12 @@ def flight_overview(result: Result) -> Figure | LeftOut:
     """Show rates, attitude and torque over the whole log, with modes and the analyzed segments."""
     data = result.data
     title = "The whole flight"
-    candidates = (_overview_panel(data, *wanted) for wanted in _overview_order(data))
+    torque = "torque_n_m" if "torque_n_m" in data.overview else "torque_command"
+    candidates = (
+        _overview_panel(data, "body_rate", RATE_AXIS, RATE_SYMBOLS, np.degrees(1.0)),
+        _overview_panel(data, "attitude", ANGLE_AXIS, ANGLE_NAMES, np.degrees(1.0)),
+        _overview_panel(data, torque, torque_axis(None, torque), TORQUE_SYMBOLS, 1.0),
+    )
     panels = [panel for panel in candidates if panel is not None]
     if not panels:
         return LeftOut(key="flight", title=title, reason="The log holds neither rates, attitude nor torque.")
@@ -49,16 +54,6 @@ def flight_overview(result: Result) -> Figure | LeftOut:
     return Figure(
         key="flight", title=title, caption=caption, panels=(*shaded, _timeline(result)), over_time=True
     )
-
-
-def _overview_order(data: FlightData) -> list[tuple[str, Axis, tuple[str, ...], float]]:
-    """Return signal, axis, curve names and scale of each panel."""
-    torque = "torque_n_m" if "torque_n_m" in data.overview else "torque_command"
-    return [
-        ("body_rate", RATE_AXIS, RATE_SYMBOLS, np.degrees(1.0)),
-        ("attitude", ANGLE_AXIS, ANGLE_NAMES, np.degrees(1.0)),
-        (torque, torque_axis(None, torque), TORQUE_SYMBOLS, 1.0),
-    ]
 
 
 def _overview_panel(

@@ -207,11 +207,28 @@ def _singular_values(model: Model, windows: Windows) -> Figure:
         "noise, however good the condition number looks. The weakest direction here: "
         f"{weakest_words(windows.weakest, (*model.regressors, *model.inputs))}."
     )
+    curves = []
+    smallest = windows.singular_values[:, -1]
+    for label, role, values in (
+        ("smallest", "estimate", smallest),
+        ("noise floor", "noise", windows.noise_floor),
+    ):
+        time_s, broken = break_at_gaps(windows.time_s, _positive(values)[:, np.newaxis])
+        x, y = thin_line(time_s, broken[:, 0], 700)
+        curves.append(Curve(label=label, x=x, y=y, role=role))
     return Figure(
         key="singular",
         title=f"Singular values against the noise floor: {model.structure}",
         caption=caption,
-        panels=(_spread_panel(windows), _smallest_panel(windows)),
+        panels=(
+            _spread_panel(windows),
+            Panel(
+                title="The weakest direction over time",
+                x=TIME,
+                y=Axis(label="singular value", log=True),
+                curves=tuple(curves),
+            ),
+        ),
         columns=2,
     )
 
@@ -237,25 +254,6 @@ def _spread_panel(windows: Windows) -> Panel:
             ),
         ),
         bands=bands,
-    )
-
-
-def _smallest_panel(windows: Windows) -> Panel:
-    """Return the smallest singular value over time beside its noise floor."""
-    curves = []
-    smallest = windows.singular_values[:, -1]
-    for label, role, values in (
-        ("smallest", "estimate", smallest),
-        ("noise floor", "noise", windows.noise_floor),
-    ):
-        time_s, broken = break_at_gaps(windows.time_s, _positive(values)[:, np.newaxis])
-        x, y = thin_line(time_s, broken[:, 0], 700)
-        curves.append(Curve(label=label, x=x, y=y, role=role))
-    return Panel(
-        title="The weakest direction over time",
-        x=TIME,
-        y=Axis(label="singular value", log=True),
-        curves=tuple(curves),
     )
 
 

@@ -377,8 +377,15 @@ def find_open_change(
         known = one.known[one.known >= since]
         most_after = MIN_RUN - 1 if len(known) >= 2 * MIN_RUN else len(known) - 1
         for n_after in range(1, most_after + 1):
-            each = _open_shift(one, known, n_after, n_tests, prior.get((one.name, one.axis), ScatterPrior()))
-            if each is not None:
+            is_after = np.arange(len(known)) >= len(known) - n_after
+            shift, error = _compared(
+                one, known, is_after, n_tests, prior.get((one.name, one.axis), ScatterPrior())
+            )
+            difference = shift.after - shift.before
+            # A flight that is like those before again is no sign of a change, whatever the one beside it was.
+            together = np.all((one.value[known][is_after] - shift.before) * difference > 0.5 * difference**2)
+            if abs(difference) > shift.margin and together:
+                each = _OpenShift(shift, (difference / error) ** 2, len(known) - n_after, n_after)
                 found.setdefault(int(known[-n_after]), []).append(each)
     if not found:
         return None
@@ -399,20 +406,6 @@ class _OpenShift(NamedTuple):
     gain: float
     n_before: int
     n_after: int
-
-
-def _open_shift(
-    one: Series, known: IntArray, n_after: int, n_tests: int, prior: ScatterPrior
-) -> _OpenShift | None:
-    """Test one quantity's last flights against those before; None if they do not differ."""
-    is_after = np.arange(len(known)) >= len(known) - n_after
-    shift, error = _compared(one, known, is_after, n_tests, prior)
-    difference = shift.after - shift.before
-    # A flight that is like those before again is no sign of a change, whatever the one beside it was.
-    together = np.all((one.value[known][is_after] - shift.before) * difference > 0.5 * difference**2)
-    if not abs(difference) > shift.margin or not together:
-        return None
-    return _OpenShift(shift, (difference / error) ** 2, len(known) - n_after, n_after)
 
 
 def _compared(

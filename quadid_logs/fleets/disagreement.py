@@ -17,7 +17,7 @@ References
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, NamedTuple
@@ -112,7 +112,13 @@ def find_disagreements(
     for part in pairwise(ends):
         for one in history:
             if one.name == TESTED:
-                known = _known(one, part, prior.get((one.name, one.axis), ScatterPrior()))
+                told = one.known[(one.known >= part[0]) & (one.known < part[1])]
+                # Two flights of an undamaged vehicle differ by the systematic uncertainty at most in 95 %.
+                between_days = one.systematic**2 / (2.0 * NORMAL_95**2)
+                scatter = prior.get((one.name, one.axis), ScatterPrior()).scatter
+                variance = scatter * (one.half_width[told] / NORMAL_95) ** 2 + between_days
+                throttle = np.full(len(told), math.nan) if one.throttle is None else one.throttle[told]
+                known = _Known(told, one.value[told], variance, throttle)
                 _explain(one, known, n_tests, is_last=part[1] == ends[-1], found=found)
     return found.merged()
 
@@ -140,26 +146,29 @@ class _Found:
         return Disagreements(changes, still, tuple(self.scatter))
 
 
-def _known(one: Series, part: tuple[int, int], prior: ScatterPrior) -> _Known:
-    """Return the flights of a part that tell the quantity, with all that makes them differ."""
-    known = one.known
-    known = known[(known >= part[0]) & (known < part[1])]
-    # Two flights of an undamaged vehicle differ by the systematic uncertainty at most in 95 %.
-    between_days = one.systematic**2 / (2.0 * NORMAL_95**2)
-    variance = prior.scatter * (one.half_width[known] / NORMAL_95) ** 2 + between_days
-    throttle = np.full(len(known), math.nan) if one.throttle is None else one.throttle[known]
-    return _Known(known, one.value[known], variance, throttle)
-
-
 def _explain(one: Series, known: _Known, n_tests: int, *, is_last: bool, found: _Found) -> None:
     """Find what makes the flights of a part agree."""
     level = FALSE_ALARMS / max(n_tests, 1)
     p_value = agreement(known)
     if p_value >= level:
         return
+    # Which flights may be the ones that differ: the last, some between, or a bad day.
+    explanations: list[BoolArray] = []
+    n_flights = len(known.flight)
+    flight = np.arange(n_flights)
+    # Of two that leave the same flights alike, the first counts: a bad day before a change.
+    if n_flights > MIN_RUN:
+        explanations.extend(flight == day for day in range(n_flights - 1))
+    explanations.extend(flight >= begins for begins in range(1, n_flights))
+    # Longer ones are changes, which `find_changes` finds.
+    for length in range(_EPISODE, 2 * MIN_RUN):
+        if n_flights >= max(2 * length, length + MIN_RUN):
+            explanations.extend(
+                (flight >= begins) & (flight < begins + length) for begins in range(1, n_flights - length)
+            )
     candidates = [
         (min(agreement(known.some(differs)), agreement(known.some(~differs))), differs)
-        for differs in _explanations(len(known.flight))
+        for differs in explanations
     ]
     fitting, differs = max(candidates, key=lambda each: each[0], default=(0.0, np.zeros(0, np.bool_)))
     if fitting < level:
@@ -186,21 +195,6 @@ def _explain(one: Series, known: _Known, n_tests: int, *, is_last: bool, found: 
             back = known.flight[begins + n_differ]
             repaired = replace(shift, before=shift.after, after=shift.before)
             found.changes.setdefault(int(back), []).append(repaired)
-
-
-def _explanations(n_flights: int) -> Iterator[BoolArray]:
-    """Yield which flights may be the ones that differ: the last, some between, or a bad day."""
-    flight = np.arange(n_flights)
-    # Of two that leave the same flights alike, the first counts: a bad day before a change.
-    if n_flights > MIN_RUN:
-        yield from (flight == day for day in range(n_flights - 1))
-    yield from (flight >= begins for begins in range(1, n_flights))
-    # Longer ones are changes, which `find_changes` finds.
-    for length in range(_EPISODE, 2 * MIN_RUN):
-        if n_flights >= max(2 * length, length + MIN_RUN):
-            yield from (
-                (flight >= begins) & (flight < begins + length) for begins in range(1, n_flights - length)
-            )
 
 
 def agreement(known: _Known) -> float:

@@ -172,7 +172,28 @@ def read_fleet(folder: Path) -> Fleet:
         rows = list(group)
         flown = [row for row in rows if row["status"] == ANALYZED]
         if flown:
-            histories.append(_history(flown[0]["vehicle"], flown))
+            by_flight: dict[tuple[str, str, int], dict[str, dict[str, Any]]] = {}
+            for row in flown:
+                # Two logs may have one name where only their names are known.
+                by_flight.setdefault((row["url"], row["sha256"], row["flight"]), {})[row["axis"]] = row
+            ordered = _in_order(list(by_flight.values()))
+            kinds = Counter((row["structure"], row["input_unit"]) for row in flown if row["gain"] is not None)
+            structure, unit = kinds.most_common(1)[0][0] if kinds else ("", "")
+            last = _any_axis(ordered[-1])
+            histories.append(
+                VehicleHistory(
+                    vehicle=flown[0]["vehicle"],
+                    vehicle_from=last["vehicle_from"] or "",
+                    model=last["model"] or "",
+                    frame=last["frame"] or "",
+                    firmware=last["firmware"] or "",
+                    hardware_id=last["hardware_id"] or "",
+                    structure=structure,
+                    input_unit=unit,
+                    flights=tuple(map(_flight, ordered)),
+                    series=tuple(_series(ordered, structure, unit)),
+                )
+            )
         failures += [
             Failure(url=row["url"], vehicle=row["vehicle"], status=row["status"], error=row["error"] or "")
             for row in rows
@@ -243,30 +264,6 @@ def _outlier_tests(
                 n_tests=n_tests,
                 throttle=throttle,
             )
-
-
-def _history(vehicle: str, rows: list[dict[str, Any]]) -> VehicleHistory:
-    """Put one vehicle's rows in order."""
-    by_flight: dict[tuple[str, str, int], dict[str, dict[str, Any]]] = {}
-    for row in rows:
-        # Two logs may have one name where only their names are known.
-        by_flight.setdefault((row["url"], row["sha256"], row["flight"]), {})[row["axis"]] = row
-    ordered = _in_order(list(by_flight.values()))
-    kinds = Counter((row["structure"], row["input_unit"]) for row in rows if row["gain"] is not None)
-    structure, unit = kinds.most_common(1)[0][0] if kinds else ("", "")
-    last = _any_axis(ordered[-1])
-    return VehicleHistory(
-        vehicle=vehicle,
-        vehicle_from=last["vehicle_from"] or "",
-        model=last["model"] or "",
-        frame=last["frame"] or "",
-        firmware=last["firmware"] or "",
-        hardware_id=last["hardware_id"] or "",
-        structure=structure,
-        input_unit=unit,
-        flights=tuple(map(_flight, ordered)),
-        series=tuple(_series(ordered, structure, unit)),
-    )
 
 
 def _any_axis(rows: Mapping[str, dict[str, Any]]) -> dict[str, Any]:

@@ -120,12 +120,38 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
     str
         HTML.
     """
-    links = _links(store, page_folder)
+    # To the single reports that exist, by the name of their file.
+    folder, links = store / REPORTS, {}
+    if folder.is_dir():
+        way = quote(os.path.relpath(folder.resolve(), page_folder.resolve()).replace(os.sep, "/"))
+        links = {
+            path.name: f"{way}/{quote(path.name)}" for path in folder.iterdir() if path.suffix == ".html"
+        }
     rows = [_vehicle_row(number, history, links) for number, history in enumerate(fleet.histories)]
     # Changed vehicles and outliers come first: that is what the page is for; then those with a result.
     rows.sort(
         key=lambda row: (not row.is_noticed, not any(drawn for _, drawn in (*row.gains, *row.dampings)))
     )
+    # What was looked for in vain, and what could not be looked for.
+    n_compared = sum(history.can_show_change for history in fleet.histories)
+    n_short = sum(0 < history.n_known < 2 * MIN_RUN for history in fleet.histories)
+    n_without = sum(not history.n_known for history in fleet.histories)
+    n_placed = sum(bool(history.outlier_tests) for history in fleet.histories)
+    lines = []
+    if n_compared:
+        lines.append(
+            f"No vehicle changed: in {counted(n_compared, 'vehicle')} with at least {2 * MIN_RUN} "
+            "flights that can be compared, none differ from those before by more than flights differ anyway."
+        )
+    if n_placed:
+        lines.append(f"None of {counted(n_placed, 'vehicle')} is an outlier among others of its model.")
+    if n_short:
+        lines.append(
+            f"{counted(n_short, 'vehicle')} with fewer than {2 * MIN_RUN} flights that can be compared: "
+            "too few for a change to be found; only large differences would show."
+        )
+    if n_without:
+        lines.append(f"{counted(n_without, 'vehicle')} without any usable axis: nothing could be compared.")
     page: str = (
         environment("quadid_logs.fleets")
         .get_template("fleet.html")
@@ -134,7 +160,7 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
             with_margins=any(row.margins for row in rows),
             noticed=[row for row in rows if row.is_noticed],
             coverage=coverage_words(fleet.coverage),
-            all_clear=_all_clear(fleet),
+            all_clear=tuple(lines) or ("There is nothing to compare.",),
             failures=[
                 _FailureRow(
                     url=printable(failure.url, 200),
@@ -180,40 +206,6 @@ def vehicle_values(fleet: Fleet, vehicle: str, links: Mapping[str, str]) -> dict
     return {"row": row, "axes": AXES, "width": WIDTH, "height": HEIGHT, "n_tests": fleet.n_tests}
 
 
-def _all_clear(fleet: Fleet) -> tuple[str, ...]:
-    """Say what was looked for in vain, and what could not be looked for."""
-    n_compared = sum(history.can_show_change for history in fleet.histories)
-    n_short = sum(0 < history.n_known < 2 * MIN_RUN for history in fleet.histories)
-    n_without = sum(not history.n_known for history in fleet.histories)
-    n_placed = sum(bool(history.outlier_tests) for history in fleet.histories)
-    lines = []
-    if n_compared:
-        lines.append(
-            f"No vehicle changed: in {counted(n_compared, 'vehicle')} with at least {2 * MIN_RUN} "
-            "flights that can be compared, none differ from those before by more than flights differ anyway."
-        )
-    if n_placed:
-        lines.append(f"None of {counted(n_placed, 'vehicle')} is an outlier among others of its model.")
-    if n_short:
-        lines.append(
-            f"{counted(n_short, 'vehicle')} with fewer than {2 * MIN_RUN} flights that can be compared: "
-            "too few for a change to be found; only large differences would show."
-        )
-    if n_without:
-        lines.append(f"{counted(n_without, 'vehicle')} without any usable axis: nothing could be compared.")
-    return tuple(lines) or ("There is nothing to compare.",)
-
-
-def _links(store: Path, page_folder: Path) -> Mapping[str, str]:
-    """Return the links to the single reports that exist, by the name of their file."""
-    folder = store / REPORTS
-    if not folder.is_dir():
-        return {}
-    way = os.path.relpath(folder.resolve(), page_folder.resolve())
-    way = quote(way.replace(os.sep, "/"))
-    return {path.name: f"{way}/{quote(path.name)}" for path in folder.iterdir() if path.suffix == ".html"}
-
-
 def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str]) -> _VehicleRow:
     """Collect what the page shows about one vehicle."""
     changes = [change.flight for change in history.changes]
@@ -226,43 +218,71 @@ def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str])
     shown = list(enumerate(history.flights))[-_MOST_FLIGHTS:]
     # A centre of mass off the middle is a fact, no alarm.
     last = history.flights[-1] if history.flights else None
+    # What it rests on that nothing was found.
+    if not history.n_known:
+        nothing_found = "nothing to compare: no usable axis"
+    elif not history.can_show_change:
+        nothing_found = f"too few flights to find a change ({history.n_known}; {2 * MIN_RUN} needed)"
+    else:
+        nothing_found = "no change"
+    # Of each axis in the last flight that tells them, and whether they are too small.
+    margins = []
+    for axis in AXES:
+        flights = (flight.margins.get(axis) for flight in reversed(history.flights))
+        told = next((one for one in flights if one is not None), None)
+        if told is not None:
+            limits = ((told[0], GOOD.gain_db, "{:.3g} dB"), (told[1], GOOD.phase_deg, "{:.0f}°"))
+            known = [(value, limit, form) for value, limit, form in limits if value is not None]
+            words = ", ".join(form.format(value) for value, _, form in known)
+            margins.append((f"{axis} {words}", any(value < limit for value, limit, _ in known)))
+    # The first and the last day, and how many flights have none of their own.
+    days = sorted(
+        flight.started.date().isoformat() for flight in history.flights if flight.started and flight.is_dated
+    )
+    n_without = len(history.flights) - len(days)
+    if not days:
+        dates = "dates unknown"
+    else:
+        span = days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
+        dates = f"{span}; {n_without} without a date" if n_without else span
+    flight_rows = []
+    for k, flight in reversed(shown):
+        name = flight.url.replace("\\", "/").rsplit("/", 1)[-1]
+        if flight.n_flights > 1:
+            name += f", flight {flight.number + 1} of {flight.n_flights}"
+        flight_rows.append(
+            _FlightRow(
+                number=k + 1,
+                date=_date(flight),
+                name=printable(name, 120),
+                link=links.get(f"{flight.sha256}-{flight.number}.html", ""),
+                verdicts=tuple(
+                    (axis, flight.verdicts.get(axis, ""), " ".join(flight.reasons.get(axis, ())))
+                    for axis in AXES
+                ),
+                begins_change=k in changes,
+                differs=history.open_change is not None and k >= history.open_change.flight,
+            )
+        )
     return _VehicleRow(
         anchor=f"v{number}",
         name=printable(history.vehicle, 80),
         about=printable(", ".join(filter(None, about)), 200),
         n_flights=len(history.flights),
-        dates=_dates(history.flights),
+        dates=dates,
         verdicts=tuple((verdict, counts[verdict]) for verdict in _VERDICTS if counts[verdict]),
         gains=_lines(history, "gain", changes),
         dampings=_lines(history, "damping", changes),
-        margins=tuple(_margins(history)),
+        margins=tuple(margins),
         fault="" if last is None or not set(last.faults) - {"QL434"} else last.faults_found,
         changes=tuple(_change_story(change, history) for change in history.changes),
         open_change=_open_story(history.open_change, history) if history.open_change else None,
         scatter=_scatter_story(history) if history.scatter else None,
         outlier=_outlier_story(history) if history.outliers else None,
-        nothing=_nothing_found(history),
-        flights=tuple(
-            _flight_row(
-                k,
-                flight,
-                links,
-                begins_change=k in changes,
-                differs=history.open_change is not None and k >= history.open_change.flight,
-            )
-            for k, flight in reversed(shown)
-        ),
+        nothing=nothing_found,
+        flights=tuple(flight_rows),
         n_hidden=len(history.flights) - len(shown),
     )
-
-
-def _nothing_found(history: VehicleHistory) -> str:
-    """Say of a vehicle that nothing was found about what that rests on."""
-    if not history.n_known:
-        return "nothing to compare: no usable axis"
-    if not history.can_show_change:
-        return f"too few flights to find a change ({history.n_known}; {2 * MIN_RUN} needed)"
-    return "no change"
 
 
 def _lines(
@@ -276,56 +296,12 @@ def _lines(
     )
 
 
-def _margins(history: VehicleHistory) -> Iterator[tuple[str, bool]]:
-    """Yield the margins of each axis in the last flight that tells them, and whether they are too small."""
-    for axis in AXES:
-        flights = (flight.margins.get(axis) for flight in reversed(history.flights))
-        told = next((one for one in flights if one is not None), None)
-        if told is not None:
-            limits = ((told[0], GOOD.gain_db, "{:.3g} dB"), (told[1], GOOD.phase_deg, "{:.0f}°"))
-            known = [(value, limit, form) for value, limit, form in limits if value is not None]
-            words = ", ".join(form.format(value) for value, _, form in known)
-            yield f"{axis} {words}", any(value < limit for value, limit, _ in known)
-
-
-def _dates(flights: Sequence[Flight]) -> str:
-    """Return the first and the last day, and how many flights have none of their own."""
-    days = sorted(
-        flight.started.date().isoformat() for flight in flights if flight.started and flight.is_dated
-    )
-    n_without = len(flights) - len(days)
-    if not days:
-        return "dates unknown"
-    span = days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
-    return f"{span}; {n_without} without a date" if n_without else span
-
-
 def _date(flight: Flight) -> str:
     """Return when a flight began; of a file's date, that it is one."""
     if flight.started is None:
         return "date unknown"
     when = f"{flight.started:%Y-%m-%d %H:%M}"
     return when if flight.is_dated else f"date unknown (file of {when})"
-
-
-def _flight_row(
-    index: int, flight: Flight, links: Mapping[str, str], *, begins_change: bool, differs: bool
-) -> _FlightRow:
-    """Collect what the list of flights shows."""
-    name = flight.url.replace("\\", "/").rsplit("/", 1)[-1]
-    if flight.n_flights > 1:
-        name += f", flight {flight.number + 1} of {flight.n_flights}"
-    return _FlightRow(
-        number=index + 1,
-        date=_date(flight),
-        name=printable(name, 120),
-        link=links.get(f"{flight.sha256}-{flight.number}.html", ""),
-        verdicts=tuple(
-            (axis, flight.verdicts.get(axis, ""), " ".join(flight.reasons.get(axis, ()))) for axis in AXES
-        ),
-        begins_change=begins_change,
-        differs=differs,
-    )
 
 
 def _change_story(change: ChangePoint, history: VehicleHistory) -> _Story:
@@ -347,9 +323,17 @@ def _open_story(found: OpenChange, history: VehicleHistory) -> _Story:
     last = "last flight differs" if found.n_after == 1 else f"last {found.n_after} flights differ"
     first = found.flight + 1
     which = f"flight {first}" if found.n_after == 1 else f"flights {first} to {len(history.flights)}"
+    # With the 95 % interval: in per cent where it is not about zero.
+    shift = shifts[0]
+    name, unit, factor = _spoken(shift.name, shift.axis, history.input_unit)
+    difference, half = shift.after - shift.before, shift.half_width
+    if shift.name.startswith("from ") or not abs(shift.before) > half:
+        size = f"{plus_minus(factor * difference, factor * half)} {unit}"
+    else:
+        scale = 100.0 / abs(shift.before)
+        size = f"{plus_minus(scale * difference, scale * half)} %"
     return _Story(
-        head=f"may have changed: the {last} ({which}) {_size_words(shifts[0], history)}; "
-        + _decided_by(found),
+        head=f"may have changed: the {last} ({which}) by {size} in {name}; " + _decided_by(found),
         items=tuple(_shift_words(shift, history.input_unit) for shift in shifts),
         cause=_cause(shift.name for shift in shifts),
         drawing=_drawing(history, shifts[0].name, shifts[0].axis),
@@ -381,18 +365,6 @@ def _decided_by(found: OpenChange) -> str:
         return "one more decides" if found.n_missing == 1 else f"{_NUMBERS[found.n_missing]} more decide"
     before = "1 flight" if found.n_before == 1 else f"{found.n_before} flights"
     return f"{before} before {'is' if found.n_before == 1 else 'are'} too few to tell a change from bad days"
-
-
-def _size_words(shift: Shift, history: VehicleHistory) -> str:
-    """Say by how much a quantity differs, with the 95 % interval: in per cent where it is not about zero."""
-    name, unit, factor = _spoken(shift.name, shift.axis, history.input_unit)
-    difference, half = shift.after - shift.before, shift.half_width
-    if shift.name.startswith("from ") or not abs(shift.before) > half:
-        size = f"{plus_minus(factor * difference, factor * half)} {unit}"
-    else:
-        scale = 100.0 / abs(shift.before)
-        size = f"{plus_minus(scale * difference, scale * half)} %"
-    return f"by {size} in {name}"
 
 
 def _largest_first(shifts: Sequence[Shift]) -> list[Shift]:

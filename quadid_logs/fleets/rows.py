@@ -215,6 +215,20 @@ def result_rows(
             else (flights[0][0], flights[-1][1] - flights[0][0])
         )
         when = zero_s + start_s
+        health = result.health
+        topics = () if health is None else (health.rotors, health.vibration)
+        there = [topic for topic in topics if topic is not None]
+        rotors = None if health is None else health.rotors
+        faults: dict[str, Any] = {}
+        if there:
+            codes = [code for topic in there for code in topic.findings]
+            offset = None if rotors is None else rotors.mass_offset
+            faults = {
+                "faults": " ".join(dict.fromkeys(codes)),
+                "faults_found": printable(" ".join(topic.sentence for topic in there if topic.findings), 600),
+                "mass_forward": None if offset is None else _finite(offset[0].value),
+                "mass_right": None if offset is None else _finite(offset[1].value),
+            }
         part = {
             "n_flights": n_flights,
             "flight": flight,
@@ -223,7 +237,7 @@ def result_rows(
             "started": _EPOCH + timedelta(microseconds=round(when * 1e6)) if 0.0 < when < 4e9 else None,
             "throttle": _finite(result.data.mean_throttle) or None,
             "run_s": result.timings_s["total"],
-            **_health_part(result),
+            **faults,
         }
         rows += [{**shared, **part, **_axis_part(result, number)} for number in range(len(AXES))]
     return rows
@@ -263,24 +277,6 @@ def _file_part(file: LogFile, sha256: str, identity: Identity) -> dict[str, Any]
     }
 
 
-def _health_part(result: Result) -> dict[str, Any]:
-    """Return the faults of rotors and sensors that the flight shows: codes, and their sentences."""
-    health = result.health
-    topics = () if health is None else (health.rotors, health.vibration)
-    there = [topic for topic in topics if topic is not None]
-    rotors = None if health is None else health.rotors
-    if not there:
-        return {}
-    codes = [code for topic in there for code in topic.findings]
-    offset = None if rotors is None else rotors.mass_offset
-    return {
-        "faults": " ".join(dict.fromkeys(codes)),
-        "faults_found": printable(" ".join(topic.sentence for topic in there if topic.findings), 600),
-        "mass_forward": None if offset is None else _finite(offset[0].value),
-        "mass_right": None if offset is None else _finite(offset[1].value),
-    }
-
-
 def _axis_part(result: Result, number: int) -> dict[str, Any]:
     """Return verdict and numbers of one axis."""
     axis, model = AXES[number], result.identification.recommended
@@ -291,8 +287,20 @@ def _axis_part(result: Result, number: int) -> dict[str, Any]:
         "reasons": list(verdict.reasons),
         "sentence": printable(verdict.sentence, 400),
         "analyzed_s": sum(segment.end_s - segment.start_s for segment in result.data.segments),
-        **_loop_part(result, axis),
     }
+    # The gains and filters that flew, and the margins of the whole loop, as far as they are known.
+    gains = shaping_gains(result, axis)
+    if gains:
+        found["gains"] = json.dumps(gains)
+    loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
+    if loop is not None and loop.margins is not None:
+        margins = loop.margins.full or loop.margins.rate
+        for name in MARGINS:
+            figure = getattr(margins, name)
+            if not margins.stable:
+                found |= {f"{name}{end}": 0.0 for end in ("", "_low", "_high")}
+            elif figure is not None:
+                found |= dict(_three(name, *figure))
     if model is None or result.data.input is None:
         return found
     return found | {
@@ -303,21 +311,6 @@ def _axis_part(result: Result, number: int) -> dict[str, Any]:
         "r2": _finite(model.validation.r2_acceleration.get(ACCELERATION_SYMBOLS[number], math.nan)),
         **dict(_quantities(model, number)),
     }
-
-
-def _loop_part(result: Result, axis: str) -> dict[str, Any]:
-    """Return the gains and filters that flew, and the margins of the whole loop, as far as they are known."""
-    gains = shaping_gains(result, axis)
-    loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
-    found = {"gains": json.dumps(gains)} if gains else {}
-    if loop is None or loop.margins is None:
-        return found
-    margins = loop.margins.full or loop.margins.rate
-    if not margins.stable:
-        return found | {f"{name}{end}": 0.0 for name in MARGINS for end in ("", "_low", "_high")}
-    figures = {name: getattr(margins, name) for name in MARGINS}
-    told = [_three(name, *one) for name, one in figures.items() if one is not None]
-    return found | dict(pair for pairs in told for pair in pairs)
 
 
 def _quantities(model: Model, number: int) -> Iterator[tuple[str, float | None]]:

@@ -79,9 +79,12 @@ class AnalysisPool(WorkerPlugin):
         with tempfile.TemporaryDirectory(
             prefix=beside_prefix(DOWNLOADS), ignore_cleanup_errors=True
         ) as folder:
-            future = self._running_pool().schedule(
-                work_in, args=(folder, task), timeout=task.options.timeout_s
-            )
+            # The pool, a new one where it broke: a process that was idle died
+            with self._lock:
+                if not self._pool.active:
+                    self._pool = self._new_pool()
+                running_pool = self._pool
+            future = running_pool.schedule(work_in, args=(folder, task), timeout=task.options.timeout_s)
             try:
                 return future.result()
             except TimeoutError:
@@ -104,13 +107,6 @@ class AnalysisPool(WorkerPlugin):
             initargs=(self._most_bytes,),
             context=multiprocessing.get_context("spawn"),  # threads and forks do not go together
         )
-
-    def _running_pool(self) -> ProcessPool:
-        """Return the pool, a new one where it broke: a process that was idle died."""
-        with self._lock:
-            if not self._pool.active:
-                self._pool = self._new_pool()
-            return self._pool
 
 
 def hand_over(task: Task) -> Outcome:

@@ -190,16 +190,6 @@ def _length_s(intervals: Sequence[Interval]) -> float:
     return sum(end_s - start_s for start_s, end_s in intervals)
 
 
-def _since_the_flight_before(prepared: Prepared, flights: Sequence[Interval]) -> Interval:
-    """Return what of a log belongs to these of its flights: each ends what began after the one before."""
-    if not flights:
-        return -math.inf, math.inf
-    start_s, end_s = flights[0][0], flights[-1][1]
-    before = max((last for _, last in prepared.flights if last <= start_s), default=-math.inf)
-    is_last = not any(first >= end_s for first, _ in prepared.flights)
-    return before, math.inf if is_last else end_s
-
-
 def _standstill(prepared: Prepared, sent: Commanded | None, part: Interval) -> Standstill | None:
     """Look on the ground, too: a vehicle with a motor that stands still does not fly for long."""
     speed, motors = prepared.series.get("rotor_speed"), prepared.series.get("motor_thrust")
@@ -220,7 +210,15 @@ def faults_of(prepared: Prepared, data: FlightData) -> Health:
     """Search for faults of rotors and sensors alone: what a fleet asks of each flight."""
     intervals = data.flights
     sent = commanded_thrust(prepared)
-    standstill = _standstill(prepared, sent, _since_the_flight_before(prepared, intervals))
+    # What of a log belongs to these of its flights: each ends what began after the one before.
+    if not intervals:
+        part = -math.inf, math.inf
+    else:
+        start_s, end_s = intervals[0][0], intervals[-1][1]
+        before = max((last for _, last in prepared.flights if last <= start_s), default=-math.inf)
+        is_last = not any(first >= end_s for first, _ in prepared.flights)
+        part = before, math.inf if is_last else end_s
+    standstill = _standstill(prepared, sent, part)
     if reason := _nothing_to_judge(prepared, data):
         return Health(standstill=standstill, missing=dict.fromkeys(_NEEDS, reason))
     clips = prepared.candidates.get("accelerometer_clips", ())

@@ -78,8 +78,25 @@ def find_battery(
         per_cell = lowest / n_cells
         level = "normal" if per_cell >= _WARN_V else "high" if per_cell >= _LAND_V else "severe"
     short = averaged(record)
+    told = f"The battery falls from {start:.1f} to {lowest:.1f} V under load"
+    if f"{start:.1f}" == f"{lowest:.1f}":
+        told = f"The battery stays at {start:.1f} V"
+    if n_cells:
+        per_cell = lowest / n_cells
+        judged = {
+            "normal": "which is normal (3.5 V or more)",
+            "high": "below 3.5 V, where pilots are warned to land",
+            "severe": "below 3.3 V, where pilots are warned to land at once",
+        }[level]
+        plural = "s" if n_cells > 1 else ""
+        told += f": {per_cell:.2f} V for each of {n_cells} cell{plural}, {judged}"
+    if sag is None or sag.ci95 is None:
+        told = f"{told}."
+    else:
+        half = 0.5 * (sag.ci95[1] - sag.ci95[0])
+        told = f"{told}. It sags by {plus_minus(sag.value, half)} V for each 10 % of throttle."
     return Battery(
-        sentence=_sentence(start, lowest, n_cells, level, sag),
+        sentence=told,
         level=level,
         start_v=Quantity(start, "V"),
         lowest_v=Quantity(lowest, "V", normal=(_WARN_V * n_cells, _CELL_V[1] * n_cells) if n_cells else None),
@@ -116,22 +133,3 @@ def _sag(record: Record, throttle: CleanSeries) -> Quantity | None:
     if not drop > NORMAL_95 * error:
         return None
     return Quantity(drop, "V", (drop - NORMAL_95 * error, drop + NORMAL_95 * error))
-
-
-def _sentence(start: float, lowest: float, n_cells: int, level: Level, sag: Quantity | None) -> str:
-    told = f"The battery falls from {start:.1f} to {lowest:.1f} V under load"
-    if f"{start:.1f}" == f"{lowest:.1f}":
-        told = f"The battery stays at {start:.1f} V"
-    if n_cells:
-        per_cell = lowest / n_cells
-        judged = {
-            "normal": "which is normal (3.5 V or more)",
-            "high": "below 3.5 V, where pilots are warned to land",
-            "severe": "below 3.3 V, where pilots are warned to land at once",
-        }[level]
-        plural = "s" if n_cells > 1 else ""
-        told += f": {per_cell:.2f} V for each of {n_cells} cell{plural}, {judged}"
-    if sag is None or sag.ci95 is None:
-        return f"{told}."
-    half = 0.5 * (sag.ci95[1] - sag.ci95[0])
-    return f"{told}. It sags by {plus_minus(sag.value, half)} V for each 10 % of throttle."

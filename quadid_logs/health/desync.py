@@ -66,8 +66,14 @@ def find_desync(
     if moved is None:
         return None
     signs = directions(place)
-    scale = _scale(moved.acceleration, moved.sent, signs, moved.period_s)
-    if scale is None:
+    # Acceleration per torque of each axis; no answer where the two do not go together.
+    y = np.concatenate([band_both_ways(one, _BAND_HZ, moved.period_s) for one in moved.acceleration])
+    x = np.concatenate([band_both_ways(one @ signs.T, _BAND_HZ, moved.period_s) for one in moved.sent])
+    power = np.sum(x**2, axis=0)
+    if not (power > 0.0).all():
+        return None
+    scale = np.asarray(np.sum(x * y, axis=0) / power, dtype=np.float64)
+    if not (scale > 0.0).all():
         return None
     width = max(2, round(_WINDOW_S / moved.period_s))
     hop = max(1, width // 4)
@@ -101,7 +107,17 @@ def find_desync(
     if sum(len(one.time_s) for one in parts) < _FEWEST:
         return None
     windows = _Windows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-    pushed = np.zeros(len(windows.time_s), dtype=np.bool_) if force is None else _pushed(windows, force)
+    # Where the vehicle felt more than it was sent: where thrust is missing, it feels less.
+    pushed = np.zeros(len(windows.time_s), dtype=np.bool_)
+    if force is not None:
+        rows = np.searchsorted(
+            force.time_s, windows.time_s[:, np.newaxis] + _WINDOW_S * np.array([-0.5, 0.5])
+        )
+        felt = np.nan_to_num(np.linalg.norm(force.values[:, :3], axis=1))
+        sums = np.concatenate([[0.0], np.cumsum(felt)])
+        mean = (sums[rows[:, 1]] - sums[rows[:, 0]]) / np.maximum(rows[:, 1] - rows[:, 0], 1)
+        total = windows.thrust.sum(axis=1)
+        pushed = np.asarray(mean > np.median(mean) / np.median(total) * total, dtype=np.bool_)
     return _clearest(windows, scale[:, np.newaxis] * signs, pushed)
 
 
@@ -134,30 +150,6 @@ def _spread_before(left: FloatArray, step_s: float) -> FloatArray:
     return np.asarray(np.maximum(np.sqrt((sums[last] - sums[first]) / count), typical), dtype=np.float64)
 
 
-def _pushed(windows: _Windows, force: CleanSeries) -> BoolArray:
-    """Return where the vehicle felt more than it was sent: where thrust is missing, it feels less."""
-    rows = np.searchsorted(force.time_s, windows.time_s[:, np.newaxis] + _WINDOW_S * np.array([-0.5, 0.5]))
-    felt = np.nan_to_num(np.linalg.norm(force.values[:, :3], axis=1))
-    sums = np.concatenate([[0.0], np.cumsum(felt)])
-    mean = (sums[rows[:, 1]] - sums[rows[:, 0]]) / np.maximum(rows[:, 1] - rows[:, 0], 1)
-    total = windows.thrust.sum(axis=1)
-    per_thrust = np.median(mean) / np.median(total)
-    return np.asarray(mean > per_thrust * total, dtype=np.bool_)
-
-
-def _scale(
-    accelerations: Sequence[FloatArray], sent: Sequence[FloatArray], signs: FloatArray, period_s: float
-) -> FloatArray | None:
-    """Return acceleration per torque of each axis; None where torque and acceleration do not go together."""
-    y = np.concatenate([band_both_ways(one, _BAND_HZ, period_s) for one in accelerations])
-    x = np.concatenate([band_both_ways(one @ signs.T, _BAND_HZ, period_s) for one in sent])
-    power = np.sum(x**2, axis=0)
-    if not (power > 0.0).all():
-        return None
-    scale = np.sum(x * y, axis=0) / power
-    return np.asarray(scale, dtype=np.float64) if (scale > 0.0).all() else None
-
-
 def _means(values: FloatArray, width: int, hop: int) -> FloatArray:
     sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     return np.asarray((sums[width:] - sums[:-width])[::hop] / width, dtype=np.float64)
@@ -177,25 +169,20 @@ def _clearest(windows: _Windows, per_thrust: FloatArray, pushed: BoolArray) -> D
         weighted = np.sum(windows.left / windows.spread * missing, axis=1) / np.linalg.norm(missing, axis=1)
         gains.append(np.maximum(-weighted, 0.0))
         # What is missing is missing of what was sent at that moment, and of a rotor that was to push.
-        lost = _says(windows, -per_thrust[:, number] * sent[:, np.newaxis])
-        clear = np.where(lost & ~pushed & (sent > _LOST * typical[number]), weighted, 0.0)
+        # Each axis by itself says so: half of the thrust or more, not more than all of it.
+        whole = -per_thrust[:, number] * sent[:, np.newaxis]
+        arm = np.abs(np.median(whole, axis=0))
+        said = ~pushed & (sent > _LOST * typical[number])
+        for axis in np.flatnonzero(arm > _ON_AXIS * arm.max() * np.array([1.0, 1.0, 0.0])):
+            towards, most = windows.left[:, axis] * np.sign(whole[:, axis]), np.abs(whole[:, axis])
+            said &= (towards - windows.unmodelled[:, axis] >= _LOST * most) & (towards <= _MOST * most)
+        clear = np.where(said, weighted, 0.0)
         if float(clear.max()) > best:
             best, rotor, place = float(clear.max()), number, int(np.argmax(clear))
     if rotor < 0:
         return nothing
     far = np.abs(windows.time_s - windows.time_s[place]) > _ANSWER_S
     return Desync(rotor, float(windows.time_s[place]), _chance(np.array(gains)[:, far], best))
-
-
-def _says(windows: _Windows, missing: FloatArray) -> BoolArray:
-    """Return where each axis by itself says that half of the thrust or more is missing, not more than all."""
-    arm = np.abs(np.median(missing, axis=0))
-    turns = arm > _ON_AXIS * arm.max() * np.array([1.0, 1.0, 0.0])
-    said: BoolArray = np.ones(len(missing), dtype=np.bool_)
-    for axis in np.flatnonzero(turns):
-        towards, whole = windows.left[:, axis] * np.sign(missing[:, axis]), np.abs(missing[:, axis])
-        said &= (towards - windows.unmodelled[:, axis] >= _LOST * whole) & (towards <= _MOST * whole)
-    return said
 
 
 def _chance(gains: FloatArray, size: float) -> float:

@@ -114,13 +114,8 @@ def find_effectiveness(
     ]
     if len(blocks) < _FEWEST_BLOCKS:
         return nothing
-    return _fitted(blocks, directions(place))
-
-
-def _fitted(
-    blocks: Sequence[tuple[FloatArray, FloatArray]], signs: FloatArray
-) -> tuple[Quantity | None, ...]:
-    """Solve for scales and effectiveness in turn; errors by what the blocks differ."""
+    # Solve for scales and effectiveness in turn; errors by what the blocks differ.
+    signs = directions(place)
     n_rotors = signs.shape[1]
     y = np.concatenate([one for one, _ in blocks])
     x = np.concatenate([one for _, one in blocks])
@@ -133,7 +128,13 @@ def _fitted(
             return tuple(None for _ in range(n_rotors))
         scale = np.sum(torque * y, axis=0) / power
         left = np.mean((y - scale * torque) ** 2, axis=0)
-        information, moment = _normal(blocks, signs, scale, left)
+        # The normal equations of each block for the rotors' effectiveness, axes by their noise.
+        squares, products = [], []
+        for block_y, block_x in blocks:
+            regressors = [scale[axis] * signs[axis] * block_x for axis in range(3)]
+            squares.append(sum(one.T @ one / left[axis] for axis, one in enumerate(regressors)))
+            products.append(sum(one.T @ block_y[:, axis] / left[axis] for axis, one in enumerate(regressors)))
+        information, moment = np.array(squares), np.array(products)
         prior = np.eye(n_rotors) / _PRIOR**2
         gives = np.linalg.solve(
             information.sum(axis=0) + prior, moment.sum(axis=0) + prior @ np.ones(n_rotors)
@@ -150,15 +151,3 @@ def _fitted(
         Quantity(float(one), "1", (float(one - wide), float(one + wide))) if wide < _KNOWN else None
         for one, wide in zip(gives, half, strict=True)
     )
-
-
-def _normal(
-    blocks: Sequence[tuple[FloatArray, FloatArray]], signs: FloatArray, scale: FloatArray, left: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the normal equations of each block for the rotors' effectiveness, axes by their noise."""
-    information, moment = [], []
-    for y, x in blocks:
-        regressors = [scale[axis] * signs[axis] * x for axis in range(3)]
-        information.append(sum(one.T @ one / left[axis] for axis, one in enumerate(regressors)))
-        moment.append(sum(one.T @ y[:, axis] / left[axis] for axis, one in enumerate(regressors)))
-    return np.array(information), np.array(moment)

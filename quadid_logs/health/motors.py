@@ -90,8 +90,38 @@ def find_motors(
     at_low = Quantity(float(np.mean(values.min(axis=1) <= _AT_END)), "1") if known else None
     short = averaged(record._replace(time_s=record.time_s[good], values=values))
     lacks_power = at_high is not None and at_high.value > MOST_SATURATED
+    if at_low is None or at_low.value <= _RARELY:
+        idle = ""
+    else:
+        idle = (
+            f" A motor is at its lower limit in {number(100.0 * at_low.value, 2)} % of the flight, where "
+            "it can give no less."
+        )
+    hardest, least = names[int(np.argmax(mean))], names[int(np.argmin(mean))]
+    pulses = spread.unit == "us"
+    apart = f"{spread.value:.0f} µs" if pulses else f"{100.0 * spread.value:.1f} % of its range"
+    limit = f"{_WARN_US:g} µs" if pulses else f"{100.0 * _WARN_US / _RANGE_US:g} %"
+    judged = {
+        "normal": f"which is normal (below {limit})",
+        "high": f"more than the normal {limit}",
+        "severe": f"more than twice the normal {limit}",
+    }[level]
+    told = f"{hardest.capitalize()} works hardest, {apart} above {least}, {judged}."
+    if spread.value < (_WARN_US if pulses else _WARN_US / _RANGE_US) * _ALIKE:
+        told = "All motors work alike."
+    if not (at_high is None or headroom is None):
+        if at_high.value > 0.0:
+            judged = f", more than the normal {100.0 * MOST_SATURATED:.0f} %"
+            most = judged if at_high.value > MOST_SATURATED else ""
+            share = number(100.0 * at_high.value, 2)
+            told = f"{told} A motor is at its upper limit in {share} % of the flight{most}."
+        else:
+            told = (
+                f"{told} In 99 % of the flight at least {100.0 * headroom.value:.0f} % of the range is in "
+                "reserve."
+            )
     return Motors(
-        sentence=_sentence(names, mean, spread, level, at_high, headroom) + _at_idle(at_low) + against_yaw,
+        sentence=told + idle + against_yaw,
         level="high" if lacks_power and level == "normal" else level,
         names=names,
         unit="1" if known else "us",
@@ -127,16 +157,6 @@ def _place(position: FloatArray) -> str:
     return " ".join(filter(None, (along, across))) or "middle"
 
 
-def _at_idle(at_low: Quantity | None) -> str:
-    """Say that a motor can give no less; headroom, too, is told of 99 % of the flight."""
-    if at_low is None or at_low.value <= _RARELY:
-        return ""
-    return (
-        f" A motor is at its lower limit in {number(100.0 * at_low.value, 2)} % of the flight, where it can "
-        "give no less."
-    )
-
-
 def _against_yaw(torque: TorqueModel | None, as_sent: FloatArray, *, pulses: bool) -> str:
     """Say that all rotors that turn one way work harder than all others, by more than is normal of any two.
 
@@ -160,33 +180,3 @@ def _against_yaw(torque: TorqueModel | None, as_sent: FloatArray, *, pulses: boo
         f" All motors that turn {harder} work at least {told} harder than the others: the vehicle holds "
         "against a yaw torque. Check that no motor and no arm is twisted."
     )
-
-
-def _sentence(
-    names: Sequence[str],
-    mean: FloatArray,
-    spread: Quantity,
-    level: Level,
-    at_high: Quantity | None,
-    headroom: Quantity | None,
-) -> str:
-    hardest, least = names[int(np.argmax(mean))], names[int(np.argmin(mean))]
-    pulses = spread.unit == "us"
-    apart = f"{spread.value:.0f} µs" if pulses else f"{100.0 * spread.value:.1f} % of its range"
-    limit = f"{_WARN_US:g} µs" if pulses else f"{100.0 * _WARN_US / _RANGE_US:g} %"
-    judged = {
-        "normal": f"which is normal (below {limit})",
-        "high": f"more than the normal {limit}",
-        "severe": f"more than twice the normal {limit}",
-    }[level]
-    told = f"{hardest.capitalize()} works hardest, {apart} above {least}, {judged}."
-    if spread.value < (_WARN_US if pulses else _WARN_US / _RANGE_US) * _ALIKE:
-        told = "All motors work alike."
-    if at_high is None or headroom is None:
-        return told
-    if at_high.value > 0.0:
-        judged = f", more than the normal {100.0 * MOST_SATURATED:.0f} %"
-        most = judged if at_high.value > MOST_SATURATED else ""
-        share = number(100.0 * at_high.value, 2)
-        return f"{told} A motor is at its upper limit in {share} % of the flight{most}."
-    return f"{told} In 99 % of the flight at least {100.0 * headroom.value:.0f} % of the range is in reserve."

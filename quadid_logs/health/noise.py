@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Final, NamedTuple
@@ -82,7 +82,14 @@ def find_noise(
     Noise or None
         None where no source is long enough for a spectrum.
     """
-    after, before = (_fastest(one for one in rates if one.raw is raw) for raw in (False, True))
+    after, before = (
+        max(
+            (one for one in rates if one.raw is raw and one.n_samples >= 2),
+            key=lambda one: one.rate_hz,
+            default=None,
+        )
+        for raw in (False, True)
+    )
     spectra = {name: _spectra(one, intervals) for name, one in (("after", after), ("before", before)) if one}
     shown = {name: one for name, one in spectra.items() if one is not None}
     if not shown:
@@ -101,7 +108,13 @@ def find_noise(
         commanded = is_commanded(main, setpoint, intervals)
     means = _in_windows(throttle, main)
     level = None if means is None else means[:, 0]
-    speeds = _rotor_hz(rotor_speed, main)
+    # The speed of every rotor in each window [1/s], shape (n_windows, n_rotors).
+    turns = _in_windows(rotor_speed, main)
+    if turns is None:
+        speeds = None
+    else:
+        turning = np.nan_to_num(turns).max(axis=0) > 0.0
+        speeds = turns[:, turning] / (2.0 * np.pi) if turning.any() else None
     notches = after.gyro_filter if after is not None else series.gyro_filter
     lines = {
         axis: _named(
@@ -161,11 +174,6 @@ def may_be_folded(series: CleanSeries) -> bool:
     return not 0.5 * series.rate_hz > _CUT_OFFS * cutoff_hz
 
 
-def _fastest(sources: Iterable[CleanSeries]) -> CleanSeries | None:
-    usable = [one for one in sources if one.n_samples >= 2]
-    return max(usable, key=lambda one: one.rate_hz, default=None)
-
-
 def _spectra(series: CleanSeries, intervals: Sequence[Interval]) -> Periodograms | None:
     found = periodograms(*records([series], intervals))
     if found is not None or series.name != _BATCHED:
@@ -206,15 +214,6 @@ def _in_windows(series: CleanSeries | None, spectra: Periodograms) -> FloatArray
     return medians
 
 
-def _rotor_hz(series: CleanSeries | None, spectra: Periodograms) -> FloatArray | None:
-    """Return the speed of every rotor in each window [1/s], shape (n_windows, n_rotors); None without any."""
-    means = _in_windows(series, spectra)
-    if means is None:
-        return None
-    turning = np.nan_to_num(means).max(axis=0) > 0.0
-    return means[:, turning] / (2.0 * np.pi) if turning.any() else None
-
-
 class _Flown(NamedTuple):
     """Windows of one axis, and in each of them the throttle and every rotor's speed [1/s]."""
 
@@ -230,7 +229,23 @@ def _named(
     """Say of each line of an axis which notch stands on it, and what it comes from."""
     all_hz = [line.frequency_hz for line in lines]
     return tuple(
-        _sourced(replace(line, notch_hz=_notch_on(line, known)), all_hz, flown, oscillations_hz)
+        _sourced(
+            replace(
+                line,
+                notch_hz=next(
+                    (
+                        notch.frequency_hz
+                        for notch in known.notches
+                        if abs(line.frequency_hz - notch.frequency_hz)
+                        <= 0.5 * notch.inverse_q * notch.frequency_hz
+                    ),
+                    float("nan"),
+                ),
+            ),
+            all_hz,
+            flown,
+            oscillations_hz,
+        )
         for line in lines
     )
 
@@ -247,18 +262,6 @@ def _alike(lines: Mapping[str, tuple[Line, ...]], step_hz: float) -> dict[str, t
         return replace(line, source=best.source, harmonic=best.harmonic)
 
     return {axis: tuple(named(line) for line in found) for axis, found in lines.items()}
-
-
-def _notch_on(line: Line, known: GyroFilter) -> float:
-    """Return the centre of the notch that stands on a line, NaN without one."""
-    return next(
-        (
-            notch.frequency_hz
-            for notch in known.notches
-            if abs(line.frequency_hz - notch.frequency_hz) <= 0.5 * notch.inverse_q * notch.frequency_hz
-        ),
-        float("nan"),
-    )
 
 
 def _sourced(line: Line, all_hz: Sequence[float], flown: _Flown, oscillations_hz: Sequence[float]) -> Line:

@@ -138,19 +138,6 @@ def _lowest_rotor_hz(series: CleanSeries | None, intervals: Sequence[Interval]) 
     return float(np.percentile(speeds, 5.0)) / (2.0 * np.pi) if speeds.size else float("inf")
 
 
-def _why(one: AxisOscillation) -> str:
-    """Say which loop makes it."""
-    if one.overtone:
-        return "It is a multiple of the stronger oscillation."
-    if not one.rate_loop:
-        return "Nothing commands it: the attitude controller oscillates, or something shakes it."
-    if one.loop is OscillatingLoop.OUTER:
-        return "The rate follows its set-point, which swings: the loop around the rate loop oscillates."
-    if one.dominates:
-        return "The rate swings more than twice its set-point: the rate loop oscillates."
-    return "The rate swings more than twice its set-point: the rate loop oscillates, or something shakes it."
-
-
 def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bool, rate_hz: float) -> str:
     if not found:
         band = f"between {LOWEST_HZ:g} and {number(highest_hz, 2)} Hz"
@@ -159,7 +146,21 @@ def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bo
         return f"No axis oscillates for long {band}."
     shown_of: dict[str, list[str]] = {}
     for one in found[:3]:
-        shown_of.setdefault(_why(one), []).append(
+        # Which loop makes it.
+        if one.overtone:
+            why = "It is a multiple of the stronger oscillation."
+        elif not one.rate_loop:
+            why = "Nothing commands it: the attitude controller oscillates, or something shakes it."
+        elif one.loop is OscillatingLoop.OUTER:
+            why = "The rate follows its set-point, which swings: the loop around the rate loop oscillates."
+        elif one.dominates:
+            why = "The rate swings more than twice its set-point: the rate loop oscillates."
+        else:
+            why = (
+                "The rate swings more than twice its set-point: the rate loop oscillates, or something "
+                "shakes it."
+            )
+        shown_of.setdefault(why, []).append(
             f"{one.axis.capitalize()} oscillates at {one.line.frequency_hz:.1f} Hz, in its rate "
             f"({number(float(np.degrees(one.line.rms)), 2)} deg/s rms) and in its output, in "
             f"{100.0 * one.line.share:.0f} % of the flight."

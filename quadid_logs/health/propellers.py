@@ -107,19 +107,16 @@ def _of_window(
     except np.linalg.LinAlgError:
         return None
     fitted = inverse @ (regressors.T @ rates)
-    noise = _noise_beside(rates - regressors @ fitted, angle.mean(axis=1))
+    # The variance of white noise that has the density found beside the rotors' frequencies.
+    rest, mean_angle = rates - regressors @ fitted, angle.mean(axis=1)
+    n_samples = len(rest)
+    turns = 2.0 * np.pi * np.arange(n_samples) / n_samples
+    beside = np.exp(-1j * (mean_angle[:, np.newaxis] + turns[:, np.newaxis] * np.array(_BESIDE)))
+    noise = float(np.sum(np.abs(beside.T @ rest) ** 2)) / (n_samples * len(_BESIDE))
     variance = np.diagonal(inverse)[: 2 * n_rotors].reshape(2, n_rotors).sum(axis=0)
     amplitudes = np.sum(fitted[: 2 * n_rotors].reshape(2, n_rotors, -1) ** 2, axis=(0, 2))
     # Half of the square of the amplitude is the mean square; noise has added its own.
     return 0.5 * (amplitudes - variance * noise), 0.5 * variance * noise
-
-
-def _noise_beside(left: FloatArray, angle: FloatArray) -> float:
-    """Return the variance of white noise that has the density found beside the rotors' frequencies."""
-    n_samples = len(left)
-    turns = 2.0 * np.pi * np.arange(n_samples) / n_samples
-    beside = np.exp(-1j * (angle[:, np.newaxis] + turns[:, np.newaxis] * np.array(_BESIDE)))
-    return float(np.sum(np.abs(beside.T @ left) ** 2)) / (n_samples * len(_BESIDE))
 
 
 def _compared(power: FloatArray, weight: FloatArray) -> Shaking:

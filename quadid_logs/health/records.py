@@ -55,7 +55,9 @@ def records(
     period_s = max(one.period_s for one in several)
     if not all(one.period_s > 0.0 for one in several):
         return [], float("nan")
-    spans = [span for interval in intervals for span in _together(several, interval)]
+    spans = list(intervals)
+    for series in several:
+        spans = [part for span in spans for part in _without_pauses(series, span)]
     spans = [span for span in spans if span[1] - span[0] >= shortest_s]
     found = []
     for start_s, end_s in _spread(spans, most * period_s, shortest_s):
@@ -64,14 +66,6 @@ def records(
         columns = [one for series in several for one in _on_grid(series, grid)]
         found.append(Record(grid, np.asarray(np.column_stack(columns), dtype=np.float64)))
     return found, period_s
-
-
-def _together(several: Sequence[CleanSeries], interval: Interval) -> list[Interval]:
-    """Return where no series pauses."""
-    spans = [interval]
-    for series in several:
-        spans = [part for span in spans for part in _without_pauses(series, span)]
-    return spans
 
 
 def _without_pauses(series: CleanSeries, interval: Interval) -> Iterator[Interval]:

@@ -96,20 +96,41 @@ def find_rotors(prepared: Prepared, sent: Commanded | None, intervals: Sequence[
     effectiveness = (
         (None,) * n_rotors if rate is None else find_effectiveness(sent.series, sent.place, rate, intervals)
     )
-    changes = tuple(_changes(balances, sent.place))
+    # How the centre of thrust moved along each arm.
+    changes = tuple(change_of(balances.balance[:, :2] @ arm) for arm in _arms(sent.place))
     faults = [*_lost(balances, sent, rate, changes, names)]
     axes_change = _axes_change(changes, sent.place, [one.rotor for one in faults] or range(n_rotors))
     lost = changes[faults[0].rotor] if faults else None
     begin = slice(None) if lost is None else lost.before
     steady = _Balances(*(part[begin] for part in balances))
-    offset = _mass_offset(steady, _tilt(series.get("attitude"), steady.time_s))
+    offset = _mass_offset(steady, series.get("attitude"))
     # Of two rotors on one arm, the lower gives less by design.
     stacked = len(np.unique(np.round(sent.place[:, :2], 2), axis=0)) < n_rotors
     weak = None if offset is None or stacked else _weak(steady, sent.place, effectiveness, names)
     if weak is not None:
         faults.append(weak)
     elif offset is not None and offset.p_value < _OF_EACH:
-        faults.append(_mass_fault(offset))
+        forward, right = offset.forward, offset.right
+        parts = [
+            f"{_percent(one)} of the arm {positive if one.value > 0.0 else negative}"
+            for one, positive, negative in (
+                (forward, "in front", "at the back"),
+                (right, "to the right", "to the left"),
+            )
+            if one.ci95 is not None and one.ci95[0] * one.ci95[1] > 0.0
+        ]
+        size = max(forward, right, key=lambda one: abs(one.value))
+        faults.append(
+            RotorFault(
+                code=_MASS,
+                rotor=-1,
+                time_s=float("nan"),
+                size=size,
+                p_value=offset.p_value,
+                sentence="If all rotors are alike, the centre of mass lies "
+                f"{' and '.join(parts)} of their middle.",
+            )
+        )
     shaking = find_shaking(
         prepared.candidates.get("body_rate", ()), series.get("rotor_speed"), n_rotors, intervals
     )
@@ -149,6 +170,16 @@ def find_rotors(prepared: Prepared, sent: Commanded | None, intervals: Sequence[
         _SHAKES: shaking is not None,
         _DESYNC: desync is not None,
     }
+    if len(steady.balance) < FEWEST:
+        balance = None
+    else:
+        still = steady.balance if rate is None else _without_turns(steady, rate)
+        forward, right, yaw = (
+            Quantity(one.value, "1", (one.value - one.half_width, one.value + one.half_width))
+            for one in (mean_of(column) for column in still.T)
+        )
+        places = tuple((ahead, aside, spin) for ahead, aside, spin in sent.place.tolist())
+        balance = RotorBalance((forward, right, yaw), places)
     return Rotors(
         sentence=_sentence(faults, changes, sent.place),
         level="high" if any(one.code != _MASS for one in faults) else "fact",
@@ -162,20 +193,8 @@ def find_rotors(prepared: Prepared, sent: Commanded | None, intervals: Sequence[
         findings=tuple(dict.fromkeys(one.code for one in faults)),
         searched=tuple(code for code, one in allowed.items() if one),
         axes_change=axes_change,
-        balance=_balance_of(steady, sent.place, rate),
+        balance=balance,
     )
-
-
-def _balance_of(balances: _Balances, place: FloatArray, rate: CleanSeries | None) -> RotorBalance | None:
-    if len(balances.balance) < FEWEST:
-        return None
-    steady = balances.balance if rate is None else _without_turns(balances, rate)
-    forward, right, yaw = (
-        Quantity(one.value, "1", (one.value - one.half_width, one.value + one.half_width))
-        for one in (mean_of(column) for column in steady.T)
-    )
-    rows = tuple((ahead, aside, spin) for ahead, aside, spin in place.tolist())
-    return RotorBalance((forward, right, yaw), rows)
 
 
 def _without_turns(balances: _Balances, rate: CleanSeries) -> FloatArray:
@@ -289,12 +308,6 @@ def _lines(place: FloatArray) -> list[int]:
 def _arms(place: FloatArray) -> FloatArray:
     """Return the direction of each arm, shape (n_rotors, 2)."""
     return np.asarray(place[:, :2] / np.linalg.norm(place[:, :2], axis=1, keepdims=True), dtype=np.float64)
-
-
-def _changes(balances: _Balances, place: FloatArray) -> Iterator[Change | None]:
-    """Yield for each rotor how the centre of thrust moved along its arm."""
-    for arm in _arms(place):
-        yield change_of(balances.balance[:, :2] @ arm)
 
 
 def _lost(
@@ -493,12 +506,17 @@ class _Offset(NamedTuple):
     p_value: float
 
 
-def _mass_offset(balances: _Balances, tilt: FloatArray | None) -> _Offset | None:
+def _mass_offset(balances: _Balances, attitude: CleanSeries | None) -> _Offset | None:
     """Return where the centre of thrust is: below it hangs the centre of mass, but for drag."""
     if len(balances.balance) < FEWEST:
         return None
-    # Without attitude nobody knows how far drag tilted the vehicle.
-    dead = None if tilt is None else _DRAG_HEIGHT * np.abs(np.tan(tilt))
+    # Without attitude nobody knows how far drag tilted the vehicle, forward and to the right.
+    dead = None
+    if attitude is not None and balances.time_s.size:
+        rows = attitude.within(float(balances.time_s[0]), float(balances.time_s[-1]))
+        angles = attitude.of_rows(rows)[:, :2]
+        angles = angles[np.isfinite(angles).all(axis=1)]
+        dead = _DRAG_HEIGHT * np.abs(np.tan(angles.mean(axis=0)[::-1])) if len(angles) else None
     means = [
         mean_of(balances.balance[:, axis], 0.0 if dead is None else float(dead[axis])) for axis in range(2)
     ]
@@ -507,37 +525,6 @@ def _mass_offset(balances: _Balances, tilt: FloatArray | None) -> _Offset | None
     )
     p_value = 1.0 if dead is None else min(2.0 * min(one.p_value for one in means), 1.0)
     return _Offset(forward, right, p_value)
-
-
-def _tilt(attitude: CleanSeries | None, time_s: FloatArray) -> FloatArray | None:
-    """Return the mean tilt that moves drag forward and to the right [rad]."""
-    if attitude is None or not time_s.size:
-        return None
-    rows = attitude.within(float(time_s[0]), float(time_s[-1]))
-    angles = attitude.of_rows(rows)[:, :2]
-    angles = angles[np.isfinite(angles).all(axis=1)]
-    return np.asarray(angles.mean(axis=0)[::-1], dtype=np.float64) if len(angles) else None
-
-
-def _mass_fault(offset: _Offset) -> RotorFault:
-    forward, right = offset.forward, offset.right
-    parts = [
-        f"{_percent(one)} of the arm {positive if one.value > 0.0 else negative}"
-        for one, positive, negative in (
-            (forward, "in front", "at the back"),
-            (right, "to the right", "to the left"),
-        )
-        if one.ci95 is not None and one.ci95[0] * one.ci95[1] > 0.0
-    ]
-    size = max(forward, right, key=lambda one: abs(one.value))
-    return RotorFault(
-        code=_MASS,
-        rotor=-1,
-        time_s=float("nan"),
-        size=size,
-        p_value=offset.p_value,
-        sentence=f"If all rotors are alike, the centre of mass lies {' and '.join(parts)} of their middle.",
-    )
 
 
 def _thrust_change(balances: _Balances, force: CleanSeries | None) -> Quantity | None:

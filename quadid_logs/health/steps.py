@@ -145,7 +145,8 @@ def find_steps(responses: dict[str, Response]) -> Steps | None:
     axes = {axis: one.steps for axis, one in responses.items() if one.steps is not None}
     if not axes:
         return None
-    late, over = (", ".join(f"{axis} {words(one)}" for axis, one in axes.items()) for words in (_late, _over))
+    late = ", ".join(f"{axis} {1e3 * one.half_time.value:.0f} ms" for axis, one in axes.items())
+    over = ", ".join(f"{axis} {max(0.0, 100.0 * one.overshoot.value):.0f} %" for axis, one in axes.items())
     high = [axis for axis, one in axes.items() if one.overshoot.value > _OVERSHOOT]
     level: Level = "high" if high else "normal"
     limit = f"{100.0 * _OVERSHOOT:.0f} %, that of a loop with 45 degrees of phase margin"
@@ -153,14 +154,6 @@ def find_steps(responses: dict[str, Response]) -> Steps | None:
     judged = f"{whose}more than the normal {limit}" if high else f"which is normal (below {limit})"
     told = f"The rate reaches half of a step after: {late}. It overshoots by: {over}, {judged}."
     return Steps(sentence=told, level=level, axes=axes)
-
-
-def _late(steps: AxisSteps) -> str:
-    return f"{1e3 * steps.half_time.value:.0f} ms"
-
-
-def _over(steps: AxisSteps) -> str:
-    return f"{max(0.0, 100.0 * steps.overshoot.value):.0f} %"
 
 
 def _windows(pairs: Sequence[tuple[FloatArray, FloatArray]], period_s: float) -> _Windows | None:
@@ -266,21 +259,18 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
     shown, left_out = step[part], others[:, part]
     half = _T * np.sqrt((_GROUPS - 1) * left_out.var(axis=0))
     times = _times(windows)
+    # By how much the response is higher than that of a loop that follows at once.
+    highest = float(ideal[part].max())
+    over = float(shown.max()) - highest, [float(one.max()) - highest for one in left_out]
     return _Curve(
         shown,
         shown - half,
         shown + half,
         ideal[part],
         float(np.median(half)) <= _OFF,
-        _with_interval(*_above(shown, left_out, ideal[part]), "1"),
+        _with_interval(*over, "1"),
         _with_interval(_half_time(times, shown), [_half_time(times, one) for one in left_out], "s"),
     )
-
-
-def _above(shown: FloatArray, others: FloatArray, ideal: FloatArray) -> tuple[float, list[float]]:
-    """Return by how much responses are higher than that of a loop that follows at once."""
-    highest = float(ideal.max())
-    return float(shown.max()) - highest, [float(one.max()) - highest for one in others]
 
 
 def _step(windows: _Windows, power: FloatArray, cross: FloatArray) -> FloatArray:

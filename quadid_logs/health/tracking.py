@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -53,10 +53,14 @@ def find_tracking(
     Tracking or None
         None where both are not logged together in flight.
     """
-    together = _side_by_side(setpoint, actual, intervals)
-    if together is None:
+    together, _ = records([setpoint, actual], intervals)
+    if not together:
         return None
-    time_s, values = together
+    if np.array_equal(setpoint.time_s, actual.time_s):
+        together = [in_flight(one, intervals) for one in (setpoint, actual)]
+        time_s, values = together[0].time_s, np.column_stack([one.values for one in together])
+    else:
+        time_s, values = (np.concatenate(parts) for parts in zip(*together, strict=True))
     angles = of == "angles"
     unit = "rad" if angles else "rad/s"
     axes, distances = {}, []
@@ -73,18 +77,56 @@ def find_tracking(
             lag=lags.get(axis),
         )
     if not angles:
-        return Tracking(sentence=f"{_sentence(axes, of)} {_followed(axes)}", axes=axes, judged=True)
+        little = [
+            axis for axis, one in axes.items() if not 2.0 * one.error_rms.value**2 < one.setpoint_rms.value**2
+        ]
+        beyond = [axis for axis in little if not axes[axis].error_rms.value < axes[axis].setpoint_rms.value]
+        if not little:
+            judged = "Every axis follows more of its set-points than it misses (in power), which is normal."
+        else:
+            verb = "misses" if len(beyond or little) == 1 else "miss"
+            told, too = (
+                ("by as much as the set-points move, or more", "instead")
+                if beyond
+                else ("more of the set-points than is followed (in power)", "as well")
+            )
+            judged = (
+                f"{listed(beyond or little).capitalize()} {verb} {told}: gusts, vibration, an oscillation "
+                "or a limit "
+                f"move the vehicle {too}. That is normal only in a hover without commands or while a "
+                "system-ID run "
+                "moves the motors."
+            )
+        return Tracking(sentence=f"{_sentence(axes, of)} {judged}", axes=axes, judged=True)
+    # For how much of the flight roll or pitch stays off what was asked, by how much.
     worst = np.maximum.reduce(distances[:_TILTING])
-    found = _judged(time_s, worst)
-    return Tracking(
-        sentence=f"{_sentence(axes, of)} {found.sentence}", axes=axes, level=found.level, off=found.off
-    )
-
-
-class _Judgement(NamedTuple):
-    sentence: str
-    level: Level
-    off: Quantity
+    step_s = float(np.median(np.diff(time_s)))
+    off_s, largest = 0.0, 0.0
+    for first, after in _unbroken(time_s, worst > _WARN_RAD, step_s):
+        length_s = float(time_s[after - 1] - time_s[first]) + step_s
+        if length_s >= _LASTS_S:
+            off_s, largest = off_s + length_s, max(largest, float(worst[first:after].max()))
+    share = min(off_s / (step_s * time_s.size), 1.0)
+    warn, fail, most = (float(np.degrees(one)) for one in (_WARN_RAD, _FAIL_RAD, largest))
+    level: Level = "normal" if not off_s else "severe" if largest >= _FAIL_RAD else "high"
+    if not off_s:
+        judged = (
+            f"Roll and pitch follow, some late: they are never more than {warn:.0f} deg from all that was "
+            f"asked in the last {_LATE_S:.1f} s for longer than {_LASTS_S:g} s, which is normal."
+        )
+    else:
+        limit = (
+            f"beyond {fail:.0f} deg the vehicle does not follow"
+            if level == "severe"
+            else "in a normal flight that never happens"
+        )
+        judged = (
+            f"Roll or pitch is more than {warn:.0f} deg from all that was asked in the last {_LATE_S:.1f} s, "
+            f"for longer than {_LASTS_S:g} s, in {number(100.0 * share, 2)} % of the flight and by up to "
+            f"{most:.0f} deg: {limit}."
+        )
+    off = Quantity(share, "1", normal=(0.0, 0.0))
+    return Tracking(sentence=f"{_sentence(axes, of)} {judged}", axes=axes, level=level, off=off)
 
 
 def _not_asked(time_s: FloatArray, asked: FloatArray, flown: FloatArray) -> FloatArray:
@@ -98,37 +140,6 @@ def _not_asked(time_s: FloatArray, asked: FloatArray, flown: FloatArray) -> Floa
     return np.asarray(np.maximum(np.maximum(low - flown, flown - high), 0.0), dtype=np.float64)
 
 
-def _judged(time_s: FloatArray, worst: FloatArray) -> _Judgement:
-    """Say for how much of the flight roll or pitch stays off what was asked, by how much."""
-    step_s = float(np.median(np.diff(time_s)))
-    off_s, largest = 0.0, 0.0
-    for first, after in _unbroken(time_s, worst > _WARN_RAD, step_s):
-        length_s = float(time_s[after - 1] - time_s[first]) + step_s
-        if length_s >= _LASTS_S:
-            off_s, largest = off_s + length_s, max(largest, float(worst[first:after].max()))
-    share = min(off_s / (step_s * time_s.size), 1.0)
-    off = Quantity(share, "1", normal=(0.0, 0.0))
-    warn, fail, most = (float(np.degrees(one)) for one in (_WARN_RAD, _FAIL_RAD, largest))
-    if not off_s:
-        words = (
-            f"Roll and pitch follow, some late: they are never more than {warn:.0f} deg from all that was "
-            f"asked in the last {_LATE_S:.1f} s for longer than {_LASTS_S:g} s, which is normal."
-        )
-        return _Judgement(words, "normal", off)
-    level: Level = "severe" if largest >= _FAIL_RAD else "high"
-    limit = (
-        f"beyond {fail:.0f} deg the vehicle does not follow"
-        if level == "severe"
-        else "in a normal flight that never happens"
-    )
-    words = (
-        f"Roll or pitch is more than {warn:.0f} deg from all that was asked in the last {_LATE_S:.1f} s, for "
-        f"longer than {_LASTS_S:g} s, in {number(100.0 * share, 2)} % of the flight and by up to "
-        f"{most:.0f} deg: {limit}."
-    )
-    return _Judgement(words, level, off)
-
-
 def _unbroken(time_s: FloatArray, mask: BoolArray, step_s: float) -> list[tuple[int, int]]:
     """Return first index and index after the last of each run without a pause of the log."""
     pauses = np.flatnonzero(np.diff(time_s) > GAP_PERIODS * step_s) + 1
@@ -137,47 +148,6 @@ def _unbroken(time_s: FloatArray, mask: BoolArray, step_s: float) -> list[tuple[
         inside = pauses[(pauses > first) & (pauses < after)].tolist()
         found += list(pairwise([first, *inside, after]))
     return found
-
-
-def _followed(axes: Mapping[str, AxisTracking]) -> str:
-    """Judge the errors: a loop follows that misses less than half of the set-points' power.
-
-    One that did not follow at all would miss all of it.
-    """
-    little = [
-        axis for axis, one in axes.items() if not 2.0 * one.error_rms.value**2 < one.setpoint_rms.value**2
-    ]
-    beyond = [axis for axis in little if not axes[axis].error_rms.value < axes[axis].setpoint_rms.value]
-    if not little:
-        return "Every axis follows more of its set-points than it misses (in power), which is normal."
-    verb = "misses" if len(beyond or little) == 1 else "miss"
-    told, too = (
-        ("by as much as the set-points move, or more", "instead")
-        if beyond
-        else ("more of the set-points than is followed (in power)", "as well")
-    )
-    return (
-        f"{listed(beyond or little).capitalize()} {verb} {told}: gusts, vibration, an oscillation or a limit "
-        f"move the vehicle {too}. That is normal only in a hover without commands or while a system-ID run "
-        "moves the motors."
-    )
-
-
-def _side_by_side(
-    setpoint: CleanSeries, actual: CleanSeries, intervals: Sequence[Interval]
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return the times and the columns of both, None where they are not logged together.
-
-    Of one message the rows themselves: between two samples of a slow log a line would take away a part of
-    what is fast.
-    """
-    found, _ = records([setpoint, actual], intervals)
-    if not found:
-        return None
-    if np.array_equal(setpoint.time_s, actual.time_s):
-        both = [in_flight(one, intervals) for one in (setpoint, actual)]
-        return both[0].time_s, np.column_stack([one.values for one in both])
-    return np.concatenate([one.time_s for one in found]), np.concatenate([one.values for one in found])
 
 
 def _sentence(axes: Mapping[str, AxisTracking], of: str) -> str:

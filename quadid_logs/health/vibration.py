@@ -91,12 +91,11 @@ def find_vibration(
 def _worst(several: Sequence[CleanSeries], intervals: Sequence[Interval]) -> Record:
     """Return the record of the sensor that shakes most."""
     found = [in_flight(one, intervals) for one in several]
-    return max([one for one in found if len(one.time_s) >= _FEWEST] or found, key=_highest)
-
-
-def _highest(record: Record) -> float:
-    """Return what 99 % of the flight stay below, along the worst axis."""
-    return float(np.percentile(record.values, 99.0, axis=0).max()) if record.values.size else 0.0
+    return max(
+        [one for one in found if len(one.time_s) >= _FEWEST] or found,
+        # What 99 % of the flight stay below, along the worst axis.
+        key=lambda one: float(np.percentile(one.values, 99.0, axis=0).max()) if one.values.size else 0.0,
+    )
 
 
 def _judged(measured: _Measured, record: Record, clips: Quantity | None) -> Vibration:
@@ -111,9 +110,27 @@ def _judged(measured: _Measured, record: Record, clips: Quantity | None) -> Vibr
     if clips is not None and clips.normal is not None and clips.value > clips.normal[1]:
         level = "severe" if level == "severe" else "high"
     short = averaged(record)
+    column = columns[worst]
+    axis = f" along {column}" if column else ""
+    told = f"{measured.words} is below {number(value, 3)} m/s²{axis} in 99 % of the flight"
+    if measured.limits:
+        normal_end, severe_end = measured.limits
+        if value <= normal_end:
+            told += f", which is normal (below {normal_end:.3g})"
+        elif value <= severe_end:
+            told += f", more than the normal {normal_end:.3g}"
+        else:
+            told += f", far more than the normal {normal_end:.3g}"
+    if clips is None:
+        told = f"{told}."
+    elif clips.value == 0.0:
+        told = f"{told}; the accelerometer never clipped."
+    else:
+        judged = "" if clips.value <= _MOST_CLIPS else ", more than the 100 that a flight may have"
+        told = f"{told}; the accelerometer clipped {clips.value:.0f} times{judged}."
     return Vibration(
         findings=("QL435",) if clips is not None and clips.value > _MOST_CLIPS else (),
-        sentence=_sentence(measured, value, columns[worst], clips),
+        sentence=told,
         level=level,
         measure=measured.name,
         columns=columns,
@@ -178,22 +195,3 @@ def _at_the_end(force: CleanSeries | None, intervals: Sequence[Interval]) -> Qua
         return None
     clipped = int(np.count_nonzero((values >= highest * (1.0 - _SAME_STEP)).any(axis=1)))
     return Quantity(float(clipped), "1", normal=(0.0, _MOST_CLIPS)) if clipped >= _FEWEST else None
-
-
-def _sentence(measured: _Measured, value: float, column: str, clips: Quantity | None) -> str:
-    axis = f" along {column}" if column else ""
-    told = f"{measured.words} is below {number(value, 3)} m/s²{axis} in 99 % of the flight"
-    if measured.limits:
-        high, severe = measured.limits
-        if value <= high:
-            told += f", which is normal (below {high:.3g})"
-        elif value <= severe:
-            told += f", more than the normal {high:.3g}"
-        else:
-            told += f", far more than the normal {high:.3g}"
-    if clips is None:
-        return f"{told}."
-    if clips.value == 0.0:
-        return f"{told}; the accelerometer never clipped."
-    judged = "" if clips.value <= _MOST_CLIPS else ", more than the 100 that a flight may have"
-    return f"{told}; the accelerometer clipped {clips.value:.0f} times{judged}."

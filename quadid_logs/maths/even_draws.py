@@ -79,7 +79,26 @@ def even_uniform(what: Drawn, n: int, seed: int = 0) -> FloatArray:
     none depends on how many are drawn.
     """
     first, n_dimensions = what.value
-    columns = [_column(dimension, n, seed) for dimension in range(first, first + n_dimensions)]
+    columns = []
+    for dimension in range(first, first + n_dimensions):
+        # Directions behind a random lower triangular map of their digits, with ones on its diagonal.
+        random = np.random.default_rng([seed, dimension])
+        rows = [
+            (1 << (_BITS - 1 - place)) | (int(random.integers(1 << place)) << (_BITS - place))
+            for place in range(_BITS)
+        ]
+        directions = [
+            sum(((row & one).bit_count() & 1) << (_BITS - 1 - place) for place, row in enumerate(rows))
+            for one in _directions(dimension)
+        ]
+        shift = int(random.integers(1 << _BITS))
+        # Each point differs from the one before by the direction of the lowest zero of its number.
+        numbers = np.arange(n, dtype=np.int64)
+        gray = numbers ^ (numbers >> 1)
+        digits = np.full(n, shift, dtype=np.int64)
+        for place, direction in enumerate(directions[: max(n, 1).bit_length()]):
+            digits ^= ((gray >> place) & 1) * direction
+        columns.append(np.asarray((digits + 0.5) / (1 << _BITS), dtype=np.float64))
     return np.stack(columns, axis=1)
 
 
@@ -121,19 +140,6 @@ def symmetric_root(covariance: FloatArray) -> FloatArray:
     return np.asarray((axes * np.sqrt(np.maximum(variance, 0.0))) @ axes.T * scale, dtype=np.float64)
 
 
-def _column(dimension: int, n: int, seed: int) -> FloatArray:
-    """Return one dimension of scrambled points, (n,)."""
-    random = np.random.default_rng([seed, dimension])
-    directions, shift = _scrambled(_directions(dimension), random), int(random.integers(1 << _BITS))
-    # Each point differs from the one before by the direction of the lowest zero of its number.
-    numbers = np.arange(n, dtype=np.int64)
-    gray = numbers ^ (numbers >> 1)
-    digits = np.full(n, shift, dtype=np.int64)
-    for place, direction in enumerate(directions[: max(n, 1).bit_length()]):
-        digits ^= ((gray >> place) & 1) * direction
-    return np.asarray((digits + 0.5) / (1 << _BITS), dtype=np.float64)
-
-
 def _directions(dimension: int) -> list[int]:
     """Return the direction numbers of a dimension, the highest digit first."""
     if dimension == 0:
@@ -148,15 +154,3 @@ def _directions(dimension: int) -> list[int]:
                 new ^= odd[place - back] << back
         odd.append(new)
     return [one << (_BITS - 1 - place) for place, one in enumerate(odd)]
-
-
-def _scrambled(directions: list[int], random: np.random.Generator) -> list[int]:
-    """Return directions behind a random lower triangular map of their digits, with ones on its diagonal."""
-    rows = [
-        (1 << (_BITS - 1 - place)) | (int(random.integers(1 << place)) << (_BITS - place))
-        for place in range(_BITS)
-    ]
-    return [
-        sum(((row & one).bit_count() & 1) << (_BITS - 1 - place) for place, row in enumerate(rows))
-        for one in directions
-    ]

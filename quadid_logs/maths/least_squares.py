@@ -182,34 +182,24 @@ def clustered_covariance(
         squares[equation.parameters] += np.einsum("ij,ij->j", equation.jacobian, equation.jacobian)
     scale = np.where(squares > 0.0, np.sqrt(squares), 1.0)
     prior = np.zeros(n_parameters) if prior_precision is None else prior_precision / scale**2
-    bread = _inverse_information(equations, scale, prior)
-    scores, information = _by_cluster(equations, clusters, scale)
-    jackknifed = _jackknifed(scores, information, bread)
-    small_sample = (len(scores) - 1) / len(scores)
-    # The prior is one more observation of its parameter, as uncertain as it says.
-    covariance = bread @ (small_sample * jackknifed.T @ jackknifed + np.diag(prior)) @ bread
-    return np.asarray(covariance / np.outer(scale, scale), dtype=np.float64)
-
-
-def _jackknifed(scores: FloatArray, information: FloatArray, bread: FloatArray) -> FloatArray:
-    """Return the scores that a fit without their own cluster would leave; shape of `scores`."""
-    identity, found = np.eye(len(bread)), np.empty_like(scores)
-    for first in range(0, len(scores), _CLUSTERS_AT_ONCE):
-        part = slice(first, first + _CLUSTERS_AT_ONCE)
-        # Without a cluster, the fit would have left (I - H)^-1 of that cluster's residual.
-        left_out = identity - information[part] @ bread + _SINGULAR * identity
-        found[part] = np.linalg.solve(left_out, scores[part, :, np.newaxis])[..., 0]
-    return found
-
-
-def _inverse_information(equations: Sequence[Equation], scale: FloatArray, prior: FloatArray) -> FloatArray:
-    """Return the pseudo-inverse of J^T J plus the prior's precision, J in scaled columns, by SVD."""
+    # The pseudo-inverse of J^T J plus the prior's precision, J in scaled columns.
     rows = [*(_triangle(equation, scale) for equation in equations), np.diag(np.sqrt(prior))]
     _, singular, vt = np.linalg.svd(np.concatenate(rows), full_matrices=False)
     n_samples = sum(len(equation.residuals) for equation in equations)
     significant = singular > singular[0] * n_samples * np.finfo(np.float64).eps
     inverse = np.divide(1.0, singular**2, out=np.zeros_like(singular), where=significant)
-    return np.asarray((vt.T * inverse) @ vt)
+    bread = np.asarray((vt.T * inverse) @ vt)
+    scores, information = _by_cluster(equations, clusters, scale)
+    identity, jackknifed = np.eye(len(bread)), np.empty_like(scores)
+    for first in range(0, len(scores), _CLUSTERS_AT_ONCE):
+        part = slice(first, first + _CLUSTERS_AT_ONCE)
+        # Without a cluster, the fit would have left (I - H)^-1 of that cluster's residual.
+        left_out = identity - information[part] @ bread + _SINGULAR * identity
+        jackknifed[part] = np.linalg.solve(left_out, scores[part, :, np.newaxis])[..., 0]
+    small_sample = (len(scores) - 1) / len(scores)
+    # The prior is one more observation of its parameter, as uncertain as it says.
+    covariance = bread @ (small_sample * jackknifed.T @ jackknifed + np.diag(prior)) @ bread
+    return np.asarray(covariance / np.outer(scale, scale), dtype=np.float64)
 
 
 def first_order_change(

@@ -32,7 +32,9 @@ class Multisine(NamedTuple):
     @property
     def peak(self) -> float:
         """Largest absolute value of the sum."""
-        return float(np.abs(self.wave(_turns(self.harmonics))).max())
+        # Sixteen times to a cycle of the highest harmonic.
+        turns = np.linspace(0.0, 1.0, 16 * int(self.harmonics.max()), endpoint=False)
+        return float(np.abs(self.wave(turns)).max())
 
     @property
     def crest(self) -> float:
@@ -139,8 +141,3 @@ def low_peak_phases(harmonics: FloatArray | IntArray, rng: np.random.Generator) 
 
 def _crest(one: Multisine) -> float:
     return one.crest
-
-
-def _turns(harmonics: IntArray) -> FloatArray:
-    """Return times of a period, sixteen to a cycle of the highest harmonic."""
-    return np.linspace(0.0, 1.0, 16 * int(harmonics.max()), endpoint=False)

@@ -145,7 +145,10 @@ def _resample(
     period = (grid_s[-1] - grid_s[0]) / (len(grid_s) - 1)
     margin = _FILTER_PERIODS * factor
     fine = grid_s[0] + (np.arange(-margin, (len(grid_s) - 1) * factor + margin + 1)) * (period / factor)
-    kernel = _low_pass(factor)
+    # A windowed-sinc low-pass at 0.42 of the output rate.
+    n = np.arange(-_FILTER_PERIODS * factor, _FILTER_PERIODS * factor + 1)
+    kernel = np.sinc(0.84 * n / factor) * np.blackman(len(n))
+    kernel = kernel / kernel.sum()
     dense = between(*_near(time_s, values, fine), fine)
     smooth = np.stack([np.convolve(column, kernel, mode="valid") for column in dense.T], axis=1)
     return np.ascontiguousarray(smooth[::factor])
@@ -186,10 +189,3 @@ def _hold(time_s: FloatArray, values: FloatArray, grid_s: FloatArray) -> FloatAr
         [np.zeros((1, values.shape[1])), np.cumsum(np.diff(since)[:, np.newaxis] * values, axis=0)]
     )
     return np.diff(_interpolate(since, area, edges), axis=0) / np.diff(edges)[:, np.newaxis]
-
-
-def _low_pass(factor: int) -> FloatArray:
-    """Windowed-sinc low-pass at 0.42 of the output rate, length 2 * _FILTER_PERIODS * factor + 1."""
-    n = np.arange(-_FILTER_PERIODS * factor, _FILTER_PERIODS * factor + 1)
-    kernel = np.sinc(0.84 * n / factor) * np.blackman(len(n))
-    return np.asarray(kernel / kernel.sum(), dtype=np.float64)

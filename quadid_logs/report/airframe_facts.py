@@ -43,7 +43,25 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
         source = f"; outputs by {printable(model.channel_source, 80)}" if model.channel_source else ""
         placed = f"{', '.join(each)} [{unit} to front, right]{source}"
         facts.append(("Motors", placed))
-        facts.append(("Scale", _calibration(model)))
+        known = model.calibration
+        parts = []
+        if known.route:
+            per = [
+                f"{symbol} {number(value)} (±{percent(NORMAL_95 * sigma)})"
+                for symbol, value, sigma in zip(
+                    TORQUE_SYMBOLS, known.n_m_per_command, known.relative_sigma, strict=True
+                )
+                if math.isfinite(value)
+            ]
+            parts.append(
+                f"by {printable(known.route, 80)}: N m per unit of command {', '.join(per) or 'unknown'}"
+            )
+            parts.append(f"largest thrust of a rotor {number(known.max_thrust_n, 3)} N")
+        if math.isfinite(known.second_opinion):
+            parts.append(f"the next best route gives {number(known.second_opinion, 3)} times that thrust")
+        if model.needs:
+            parts.append(_needs(model))
+        facts.append(("Scale", "; ".join(parts) or "not calibrated"))
     if model.check is not None:
         facts.append(
             (
@@ -64,29 +82,6 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
         facts.append(("Rotor rpm", printable(model.rotor_speed, 160)))
     remarks = [printable(remark, 400) for remark in model.remarks]
     return facts + [("Remark", remark) for remark in dict.fromkeys(remarks)]
-
-
-def _calibration(model: TorqueModel) -> str:
-    """Say how far torque is known in N m, by which route, and what is missing."""
-    known = model.calibration
-    parts = []
-    if known.route:
-        per = [
-            f"{symbol} {number(value)} (±{percent(NORMAL_95 * sigma)})"
-            for symbol, value, sigma in zip(
-                TORQUE_SYMBOLS, known.n_m_per_command, known.relative_sigma, strict=True
-            )
-            if math.isfinite(value)
-        ]
-        parts.append(
-            f"by {printable(known.route, 80)}: N m per unit of command {', '.join(per) or 'unknown'}"
-        )
-        parts.append(f"largest thrust of a rotor {number(known.max_thrust_n, 3)} N")
-    if math.isfinite(known.second_opinion):
-        parts.append(f"the next best route gives {number(known.second_opinion, 3)} times that thrust")
-    if model.needs:
-        parts.append(_needs(model))
-    return "; ".join(parts) or "not calibrated"
 
 
 def _needs(model: TorqueModel) -> str:

@@ -147,7 +147,22 @@ def _vehicle_lines(found: Check) -> Iterator[str]:
             f"[{_WEAK_ROTOR}]. {CATALOGUE[_WEAK_ROTOR].advice}"
         )
     for one in changes:
-        yield _change_words(one)
+        if one.kind in (QuantityKind.LAG, QuantityKind.DELAY):
+            values = [
+                f"{estimate(*(1e3 * end for end in (each.value, *each.ci95)))} ms"
+                for each in (one.measured, one.promised)
+            ]
+            yield f"The {one.kind.value} of the motors is {values[0]}, promised {values[1]}."
+        else:
+            values = [estimate(each.value, *each.ci95) for each in (one.measured, one.promised)]
+            told = f"{values[0]} rad/s² per unit of command, promised {values[1]}"
+            if one.kind is QuantityKind.COUPLING:
+                yield f"A {one.command} command turns {one.axis} by {told}."
+            else:
+                before = one.promised.value
+                change = 100.0 * (one.measured.value / before - 1.0) if before else 0.0
+                more = "stronger" if change > 0.0 else "weaker"
+                yield f"{one.axis.capitalize()} is {number(abs(change), 2)} % {more}: {told}."
     kinds = {one.kind for one in changes}
     if kinds:
         looked = {"propellers", "motors"}
@@ -161,22 +176,6 @@ def _vehicle_lines(found: Check) -> Iterator[str]:
     cells = found.n_cells
     if 0 not in cells and cells[0] != cells[1]:
         yield f"The battery has {cells[1]} cells; the promise was made with {cells[0]}."
-
-
-def _change_words(one: VehicleCheck) -> str:
-    if one.kind in (QuantityKind.LAG, QuantityKind.DELAY):
-        values = [
-            f"{estimate(*(1e3 * end for end in (each.value, *each.ci95)))} ms"
-            for each in (one.measured, one.promised)
-        ]
-        return f"The {one.kind.value} of the motors is {values[0]}, promised {values[1]}."
-    values = [estimate(each.value, *each.ci95) for each in (one.measured, one.promised)]
-    told = f"{values[0]} rad/s² per unit of command, promised {values[1]}"
-    if one.kind is QuantityKind.COUPLING:
-        return f"A {one.command} command turns {one.axis} by {told}."
-    change = 100.0 * (one.measured.value / one.promised.value - 1.0) if one.promised.value else 0.0
-    more = "stronger" if change > 0.0 else "weaker"
-    return f"{one.axis.capitalize()} is {number(abs(change), 2)} % {more}: {told}."
 
 
 def _decision_lines(promise: Promise, after: Result, found: Check) -> Iterator[str]:

@@ -10,7 +10,7 @@ from typing import Any, Final
 from quadid_logs.comparison import Comparison, Quantity
 from quadid_logs.control.room import outermost
 from quadid_logs.data.closed_loop import AxisLoop, Estimated
-from quadid_logs.data.promise import AxisCheck, Decision, Held
+from quadid_logs.data.promise import Decision, Held
 from quadid_logs.data.result import Result
 from quadid_logs.promise import checked
 from quadid_logs.report.gain_files import exact
@@ -57,7 +57,13 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
         reason = comparison.reasons.get(axis, "")
         lines.append(f"  {axis:<5}  {change}{f': {printable(reason, 400)}' if reason else ''}")
         lines += _quantity_lines(comparison, axis)
-        lines += [f"{'':9}{text}" for text in _loop_sentences(before, after, axis)]
+        # With all that is known to close the loop.
+        both = [outermost(loop) if (loop := _loop(result, axis)) else None for result in (before, after)]
+        for name, words, unit in _MARGINS:
+            figures = [None if margins is None else getattr(margins, name) for margins in both]
+            if all(isinstance(figure, Estimated) for figure in figures):
+                values = " -> ".join(estimate(figure.value, *figure.ci95) for figure in figures if figure)
+                lines.append(f"{'':9}{words} {values} {unit}")
     if shared := _quantity_lines(comparison, ""):
         changed = any(each.changed for each in comparison.quantities if not each.axis)
         lines += [f"  actuators  {'changed' if changed else 'same'}", *shared]
@@ -85,16 +91,6 @@ def _quantity_lines(comparison: Comparison, axis: str) -> list[str]:
         for quantity in comparison.quantities
         if quantity.axis == axis and (quantity.changed or not axis or quantity.is_on_axis)
     ]
-
-
-def _loop_sentences(before: Result, after: Result, axis: str) -> Iterator[str]:
-    """Yield the margins of both flights, with all that is known to close the loop."""
-    both = [outermost(loop) if (loop := _loop(result, axis)) else None for result in (before, after)]
-    for name, words, unit in _MARGINS:
-        figures = [None if margins is None else getattr(margins, name) for margins in both]
-        if all(isinstance(figure, Estimated) for figure in figures):
-            values = " -> ".join(estimate(figure.value, *figure.ci95) for figure in figures if figure)
-            yield f"{words} {values} {unit}"
 
 
 def _loop(result: Result, axis: str) -> AxisLoop | None:
@@ -159,22 +155,20 @@ def promise_sentences(before: Result, after: Result) -> tuple[str, ...]:
 
     One for each such axis.
     """
-    return tuple(_promise_sentence(axis, one) for axis, one in checked(before, after).items())
-
-
-def _promise_sentence(axis: str, found: AxisCheck) -> str:
-    """Say of one axis that flew with the recommended gains whether it has the promised margins."""
-    units = {"gain_margin_db": "dB", "phase_margin_deg": "degrees"}
-    told = [
-        f"{estimate(seen.value, *seen.ci95)} {units[one.name]}, promised {estimate(said.value, *said.ci95)}"
-        for one in found.figures
-        if one.name in units
-        for said, seen in ((one.promised, one.measured),)
-    ]
-    back = found.decision is Decision.BACK
-    act = "load the gains that flew before" if back else "tune again from the second flight"
-    kept = f"not kept: {act}" if found.held is Held.WORSE else "kept"
-    return f"promise of {axis} {kept} ({'; '.join(told)})"
+    sentences, units = [], {"gain_margin_db": "dB", "phase_margin_deg": "degrees"}
+    for axis, one in checked(before, after).items():
+        told = [
+            f"{estimate(seen.value, *seen.ci95)} {units[each.name]}, promised "
+            f"{estimate(said.value, *said.ci95)}"
+            for each in one.figures
+            if each.name in units
+            for said, seen in ((each.promised, each.measured),)
+        ]
+        back = one.decision is Decision.BACK
+        act = "load the gains that flew before" if back else "tune again from the second flight"
+        kept = f"not kept: {act}" if one.held is Held.WORSE else "kept"
+        sentences.append(f"promise of {axis} {kept} ({'; '.join(told)})")
+    return tuple(sentences)
 
 
 def comparison_text(before: Result, after: Result, comparison: Comparison) -> str:

@@ -50,6 +50,18 @@ def comparison_page(
     str
         A complete HTML document that asks no host for anything.
     """
+    # Those first that changed.
+    ordered = sorted(comparison.quantities, key=lambda quantity: not quantity.changed)
+    table = None
+    if ordered:
+        table = Table(
+            caption=f"Every number that was compared (structure {printable(comparison.structure, 40)})",
+            head=("", "before", "after", "difference", "smallest detectable"),
+            rows=tuple(_row(quantity) for quantity in ordered),
+            note="Small: 95 % intervals. A difference counts as a change if it is larger than the smallest"
+            " detectable one: what the intervals and the typical spread between flights of one vehicle "
+            "explain.",
+        )
     page: str = (
         environment()
         .get_template("compare.html")
@@ -59,7 +71,7 @@ def comparison_page(
             headline=headline(comparison),
             style=_STYLES[comparison.verdict],
             axes=[*(_axis(comparison, axis) for axis in comparison.axes), *_actuators(comparison)],
-            table=_table(comparison),
+            table=table,
             parameters=None
             if not comparison.parameters
             else Table(
@@ -119,20 +131,6 @@ def _actuators(comparison: Comparison) -> Iterator[AxisChangeView]:
 def _would_show(own: Quantity) -> str:
     """Say from where on a change of the effectiveness would have been detected."""
     return f"Smallest detectable change of effectiveness: {amount(own, own.margin)}{throttle_note(own)}."
-
-
-def _table(comparison: Comparison) -> Table | None:
-    """Return every quantity, those first that changed."""
-    ordered = sorted(comparison.quantities, key=lambda quantity: not quantity.changed)
-    if not ordered:
-        return None
-    return Table(
-        caption=f"Every number that was compared (structure {printable(comparison.structure, 40)})",
-        head=("", "before", "after", "difference", "smallest detectable"),
-        rows=tuple(_row(quantity) for quantity in ordered),
-        note="Small: 95 % intervals. A difference counts as a change if it is larger than the smallest"
-        " detectable one: what the intervals and the typical spread between flights of one vehicle explain.",
-    )
 
 
 def _row(quantity: Quantity) -> tuple[Cell, ...]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from types import MappingProxyType
 from typing import Final
 
-from quadid_logs.control.filters import FilterCost, filter_costs, lines_of, rate_crossover
-from quadid_logs.data.closed_loop import Estimated
+from quadid_logs.control.filters import filter_costs, lines_of, rate_crossover
 from quadid_logs.data.controller import FilterPlace
 from quadid_logs.data.health import Line, LineSource
 from quadid_logs.data.result import Result
@@ -39,6 +37,37 @@ def filter_tables(result: Result) -> tuple[Table, ...]:
             lines = sorted(strongest, key=lambda line: line.frequency_hz)
             costs = filter_costs(controller, crossover_hz, lines)
             at = "" if crossover_hz is None else f" at {number(crossover_hz.value, 3)} Hz"
+            if crossover_hz is None:
+                parts = ["The crossover of this axis is unknown, so no phase is given."]
+            else:
+                parts = [
+                    "Phase lost at the crossover of the rate loop; small: over the crossover's 95 % interval."
+                ]
+            if lines:
+                parts.append(
+                    "Gain at the lines of the gyro's spectrum; a filter of one term (P or D) acts on that "
+                    "term only."
+                )
+                if any(len(set(cost.centre_hz)) > 1 for cost in costs):
+                    parts.append(
+                        "A notch that follows the rotors is taken to stay on their line; at any other "
+                        "line, its mean power counts."
+                    )
+            rows = []
+            for cost in costs:
+                phase = cost.phase_deg
+                lost = (
+                    Cell(text="–")
+                    if phase is None
+                    else Cell(text=resolved(phase.value, *phase.ci95), detail=interval(*phase.ci95))
+                )
+                gains = (Cell(text=f"{gain_db:.1f}".replace("-", "−")) for gain_db in cost.at_lines_db)
+                name = cost.name or "all of the gyro's path"
+                centre = ""
+                if cost.centre_hz:
+                    low, middle, high = (number(each, 3) for each in cost.centre_hz)
+                    centre = f"{middle} Hz" if low == high else f"{middle} Hz, from {low} to {high}"
+                rows.append((Cell(text=name, detail=centre), Cell(text=_PLACES[cost.place]), lost, *gains))
             tables.append(
                 Table(
                     caption=f"Filters, {axis}",
@@ -48,8 +77,8 @@ def filter_tables(result: Result) -> tuple[Table, ...]:
                         f"phase lost{at} [deg]",
                         *(f"{_line_words(line)} [dB]" for line in lines),
                     ),
-                    rows=tuple(_row(cost) for cost in costs),
-                    note=_note(costs, crossover_hz, lines),
+                    rows=tuple(rows),
+                    note=" ".join(parts),
                 )
             )
     return tuple(tables)
@@ -58,41 +87,3 @@ def filter_tables(result: Result) -> tuple[Table, ...]:
 def _line_words(line: Line) -> str:
     rotor = f", {line.harmonic} x rotor" if line.source is LineSource.ROTOR and line.harmonic else ""
     return f"line at {number(line.frequency_hz, 3)} Hz{rotor}"
-
-
-def _row(cost: FilterCost) -> tuple[Cell, ...]:
-    phase = cost.phase_deg
-    lost = (
-        Cell(text="–")
-        if phase is None
-        else Cell(text=resolved(phase.value, *phase.ci95), detail=interval(*phase.ci95))
-    )
-    gains = (Cell(text=f"{gain_db:.1f}".replace("-", "−")) for gain_db in cost.at_lines_db)
-    name = cost.name or "all of the gyro's path"
-    return (Cell(text=name, detail=_centre(cost)), Cell(text=_PLACES[cost.place]), lost, *gains)
-
-
-def _centre(cost: FilterCost) -> str:
-    """Say where a notch stood."""
-    if not cost.centre_hz:
-        return ""
-    low, middle, high = (number(each, 3) for each in cost.centre_hz)
-    return f"{middle} Hz" if low == high else f"{middle} Hz, from {low} to {high}"
-
-
-def _note(costs: Sequence[FilterCost], crossover_hz: Estimated | None, lines: Sequence[Line]) -> str:
-    """Say how the table is to be read."""
-    if crossover_hz is None:
-        parts = ["The crossover of this axis is unknown, so no phase is given."]
-    else:
-        parts = ["Phase lost at the crossover of the rate loop; small: over the crossover's 95 % interval."]
-    if lines:
-        parts.append(
-            "Gain at the lines of the gyro's spectrum; a filter of one term (P or D) acts on that term only."
-        )
-        if any(len(set(cost.centre_hz)) > 1 for cost in costs):
-            parts.append(
-                "A notch that follows the rotors is taken to stay on their line; at any other line, its mean "
-                "power counts."
-            )
-    return " ".join(parts)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
 from quadid_logs.data.result import Result
 from quadid_logs.errors import OutputError
@@ -20,9 +20,6 @@ from quadid_logs.report.provenance import Provenance, provenance_of
 from quadid_logs.tuning import tuning_of
 from quadid_logs.untrusted import portable_name, printable
 from quadid_logs.vocabulary import AXES
-
-if TYPE_CHECKING:
-    from quadid_logs.figures import Figure
 
 RESULT_FILE, REPORT_FILE = "result.json", "report.html"
 #: Beside the folders of several logs.
@@ -193,7 +190,18 @@ def write_report(
         tuning_of.hand_on(result, timed)
         text = json_text(timed, provenance)
         (beside / RESULT_FILE).write_text(text, encoding="utf-8")
-        _move_into(beside, folder, force=force)
+        from quadid_logs.figures import FIGURE_KEYS
+
+        names = sorted((path.name for path in beside.iterdir()), key=lambda name: (name == RESULT_FILE, name))
+        check_free(*(folder / name for name in names), force=force)
+        with new_folder(folder):
+            for name in names:
+                # A rename replaces a symbolic link itself and never writes through it.
+                (beside / name).replace(folder / name)
+        ours = (REPORT_FILE, *(f"{key}.png" for key in FIGURE_KEYS))
+        for ours_name in ours:
+            if ours_name not in frozenset(names) and (folder / ours_name).is_file():
+                (folder / ours_name).unlink()
     return timed
 
 
@@ -212,16 +220,12 @@ def write_drawings(result: Result, provenance: Provenance, folder: Path, png: Pn
     (folder / REPORT_FILE).write_text(page, encoding="utf-8", newline="\n")
     if png == "none":
         return
-    for figure in (_summary(result), *(figures.shown if png == "all" else ())):
-        write_png(figure, folder / f"{figure.key}.png")
-
-
-def _summary(result: Result) -> Figure:
-    """Return the summary picture."""
     from quadid_logs.figures.summary import summary_figure
     from quadid_logs.report.verdict import effect_sentence, headline
 
-    return summary_figure(result, headline(result), {axis: effect_sentence(result, axis) for axis in AXES})
+    summary = summary_figure(result, headline(result), {axis: effect_sentence(result, axis) for axis in AXES})
+    for figure in (summary, *(figures.shown if png == "all" else ())):
+        write_png(figure, folder / f"{figure.key}.png")
 
 
 @contextmanager
@@ -240,19 +244,3 @@ def _writing_beside(folder: Path) -> Iterator[Path]:
             f"Cannot write to {printable(folder)}: {reason}.",
             hint="Nothing was left half-written; choose another -o.",
         ) from error
-
-
-def _move_into(beside: Path, folder: Path, *, force: bool) -> None:
-    """Move every finished file into the folder, result.json last."""
-    from quadid_logs.figures import FIGURE_KEYS
-
-    names = sorted((path.name for path in beside.iterdir()), key=lambda name: (name == RESULT_FILE, name))
-    check_free(*(folder / name for name in names), force=force)
-    with new_folder(folder):
-        for name in names:
-            # A rename replaces a symbolic link itself and never writes through it.
-            (beside / name).replace(folder / name)
-    ours = (REPORT_FILE, *(f"{key}.png" for key in FIGURE_KEYS))
-    for ours_name in ours:
-        if ours_name not in frozenset(names) and (folder / ours_name).is_file():
-            (folder / ours_name).unlink()

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
 from quadid_logs.data.catalogue import CATALOGUE, MOST_SATURATED
-from quadid_logs.data.health import AxisOscillation, Health, Topic
+from quadid_logs.data.health import Health, Topic
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Direction
 from quadid_logs.sentences import listed
@@ -85,7 +84,17 @@ def health_view(result: Result) -> HealthView:
         )
         for name, topic in health.topics.items()
     )
-    return HealthView(lines=lines, missing=tuple(_missing(health)))
+    # Each reason once, with the topics that it keeps back.
+    missing = []
+    reasons: dict[str, list[str]] = {}
+    for name, reason in health.missing.items():
+        reasons.setdefault(reason, []).append(TOPICS[name].lower())
+    for reason, names in reasons.items():
+        if len(names) == len(TOPICS) - len(_NEVER_MISSING):
+            missing.append(f"Nothing is shown of the flight: {printable(reason, 200)}.")
+        else:
+            missing.append(f"Not shown: {listed(names)}, because {printable(reason, 200)}.")
+    return HealthView(lines=lines, missing=tuple(missing))
 
 
 def _advice(topic: Topic) -> str:
@@ -105,47 +114,33 @@ def _hint(result: Result, health: Health) -> str:
         hint = _HINTS.get(tuned[axis].direction, "") if axis in tuned else ""
         if axis in tuned and tuned[axis].by_rule:
             hint = "No model gives its gains; `quadid-log tune` writes a first step by rule: half of them."
-        predicted = _predicted(result, mine)
+        # What predicts this frequency: the model's rate loop, a mode of the frame, or the motors' limits.
+        found, hz = [], mine.line.frequency_hz
+        loop = None if result.closed_loop is None else result.closed_loop.axes.get(mine.axis)
+        margins = None if loop is None or loop.margins is None else loop.margins.rate
+        figure = None if margins is None else margins.oscillation_hz
+        if figure is not None and figure.ci95[0] <= hz <= figure.ci95[1]:
+            found.append(f"The model's rate loop would oscillate at {figure.value:.3g} Hz with more gain.")
+        modes = [
+            finding.evidence.get("frequency_hz")
+            for finding in result.diagnosis.findings
+            if finding.code == "QL525"
+        ]
+        if any(isinstance(mode, (int, float)) and abs(mode - hz) <= _SAME_MODE * hz for mode in modes):
+            found.append(
+                "A mode of the frame was found there (QL525): a notch on it helps, not less filtering."
+            )
+        described = result.data.input
+        limited = 0.0 if described is None else described.limited_fraction[AXES.index(mine.axis)]
+        if limited > MOST_SATURATED:
+            found.append(
+                f"The mixer is at its limits in {100.0 * limited:.0f} % of the flight: they hold its size."
+            )
+        predicted = " ".join(found)
         told += [f" {axis.capitalize()}: {' '.join(filter(None, (predicted, hint)))}"] * bool(
             predicted or hint
         )
     return "".join(told)
-
-
-def _predicted(result: Result, one: AxisOscillation) -> str:
-    """Say what predicts this frequency: the model's rate loop, a mode of the frame, or the motors' limits."""
-    found, hz = [], one.line.frequency_hz
-    loop = None if result.closed_loop is None else result.closed_loop.axes.get(one.axis)
-    margins = None if loop is None or loop.margins is None else loop.margins.rate
-    figure = None if margins is None else margins.oscillation_hz
-    if figure is not None and figure.ci95[0] <= hz <= figure.ci95[1]:
-        found.append(f"The model's rate loop would oscillate at {figure.value:.3g} Hz with more gain.")
-    modes = [
-        finding.evidence.get("frequency_hz")
-        for finding in result.diagnosis.findings
-        if finding.code == "QL525"
-    ]
-    if any(isinstance(mode, (int, float)) and abs(mode - hz) <= _SAME_MODE * hz for mode in modes):
-        found.append("A mode of the frame was found there (QL525): a notch on it helps, not less filtering.")
-    described = result.data.input
-    limited = 0.0 if described is None else described.limited_fraction[AXES.index(one.axis)]
-    if limited > MOST_SATURATED:
-        found.append(
-            f"The mixer is at its limits in {100.0 * limited:.0f} % of the flight: they hold its size."
-        )
-    return " ".join(found)
-
-
-def _missing(health: Health) -> Iterable[str]:
-    """Yield each reason once, with the topics that it keeps back."""
-    reasons: dict[str, list[str]] = {}
-    for name, reason in health.missing.items():
-        reasons.setdefault(reason, []).append(TOPICS[name].lower())
-    for reason, names in reasons.items():
-        if len(names) == len(TOPICS) - len(_NEVER_MISSING):
-            yield f"Nothing is shown of the flight: {printable(reason, 200)}."
-        else:
-            yield f"Not shown: {listed(names)}, because {printable(reason, 200)}."
 
 
 def health_lines(result: Result) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from quadid_logs.autopilots import named
@@ -81,7 +81,27 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
     yield Line(
         f"{printable(log.path)}  {size(log.n_bytes)}, {log.format} {printable(log.dialect, 40)}".rstrip()
     )
-    yield from _lacking(log, missing_for_analysis(log, data))
+    # Whether `analyze` can work with the log, what it will complain about, and what to fly then.
+    found = missing_for_analysis(log, data)
+    missing = [finding for finding in found if finding.level == "error"]
+    if any(not finding.axes for finding in missing):
+        yield Line(f"  analyze will refuse it: {counted(len(missing), 'obstacle')}")
+    elif missing:
+        axes = " and ".join(dict.fromkeys(axis for finding in missing for axis in finding.axes))
+        yield Line(f"  analyze will refuse {axes}: {counted(len(missing), 'obstacle')}")
+    else:
+        yield Line(
+            "  analyze can work with it" + (", with caveats" if found else ": nothing is missing in the log")
+        )
+    for finding in found:
+        word = "obstacle" if finding.level == "error" else "caution"
+        yield Line(f"    {word}: {printable(finding.title)} [{finding.code}]", 6)
+        if finding.advice:
+            yield Line(f"      {like_log(printable(finding.advice, 600), log.path)}", 6)
+    told = {finding.advice for finding in found}
+    for step in next_steps((log, finding) for finding in found):
+        if step not in told:
+            yield Line(f"    then: {like_log(printable(step, 800), log.path)}", 6)
     yield Line("")
     for name, value in (*_facts(log, data), *((name.lower(), value) for name, value in airframe_facts(log))):
         if value:
@@ -104,29 +124,6 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
             yield Line(f"    not taken: {printable(source, 80)} at {number(other_hz, 4)} Hz", 4)
     for remark in log.remarks[:20]:
         yield Line(f"  Note: {printable(remark)}", 4)
-
-
-def _lacking(log: FlightLog, found: Sequence[Finding]) -> Iterator[Line]:
-    """Yield whether analyze can work with the log, what it will complain about, and what to fly then."""
-    missing = [finding for finding in found if finding.level == "error"]
-    if any(not finding.axes for finding in missing):
-        yield Line(f"  analyze will refuse it: {counted(len(missing), 'obstacle')}")
-    elif missing:
-        axes = " and ".join(dict.fromkeys(axis for finding in missing for axis in finding.axes))
-        yield Line(f"  analyze will refuse {axes}: {counted(len(missing), 'obstacle')}")
-    else:
-        yield Line(
-            "  analyze can work with it" + (", with caveats" if found else ": nothing is missing in the log")
-        )
-    for finding in found:
-        word = "obstacle" if finding.level == "error" else "caution"
-        yield Line(f"    {word}: {printable(finding.title)} [{finding.code}]", 6)
-        if finding.advice:
-            yield Line(f"      {like_log(printable(finding.advice, 600), log.path)}", 6)
-    told = {finding.advice for finding in found}
-    for step in next_steps((log, finding) for finding in found):
-        if step not in told:
-            yield Line(f"    then: {like_log(printable(step, 800), log.path)}", 6)
 
 
 def _facts(log: FlightLog, data: FlightData) -> tuple[tuple[str, str], ...]:

@@ -13,14 +13,13 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.filters import lines_of
 from quadid_logs.data.diagnosis import Diagnosis, Finding
-from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription, SourceChoice
+from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import (
     Actuator,
     BandCheck,
     Identification,
     Model,
-    Parameter,
     Windows,
 )
 from quadid_logs.data.result import Result
@@ -210,13 +209,19 @@ def airframe_dict(model: TorqueModel) -> dict[str, Any]:
 def data_dict(data: FlightData) -> dict[str, Any]:
     """Return ``data``."""
     described = data.input
+    rates = {}
+    for name, choice in data.sources.items():
+        content = fields_of(choice)
+        content.pop("signal")
+        content["others"] = [{"source": source, "rate_hz": rate_hz} for source, rate_hz in choice.others]
+        rates[name] = content
     return {
         "sample_period_s": data.sample_period_s,
         "segments": data.flight_segments,
         "gap_free": [[segment.start_s, segment.end_s] for segment in data.segments],
         "flights": data.flights,
         "n_samples": data.n_samples,
-        "rates": {name: _rate(choice) for name, choice in data.sources.items()},
+        "rates": rates,
         "input": None
         if described is None
         else {
@@ -250,22 +255,6 @@ def _gyro(check: GyroCheck) -> dict[str, Any]:
     }
 
 
-def _rate(choice: SourceChoice) -> dict[str, Any]:
-    """Return an entry of ``data.rates``."""
-    content = fields_of(choice)
-    content.pop("signal")
-    content["others"] = [{"source": source, "rate_hz": rate_hz} for source, rate_hz in choice.others]
-    return content
-
-
-def _parameter(parameter: Parameter, given: InputDescription | None) -> dict[str, Any]:
-    """Return an entry of ``parameters``; per newton metre, with the interval that the flight alone leaves."""
-    content = fields_of(parameter)
-    if calibration_half_width(parameter, given):
-        content["ci95_flight"] = flight_interval(parameter, given)
-    return content
-
-
 def _spectral(identification: Identification) -> dict[str, Any]:
     """Return ``spectral``: by axis, empty where nothing tells what was commanded."""
     return {
@@ -294,6 +283,13 @@ def _spectral(identification: Identification) -> dict[str, Any]:
 
 def _model(model: Model, given: InputDescription | None) -> dict[str, Any]:
     """Return an entry of ``models``."""
+    parameters = []
+    for parameter in model.parameters:
+        content = fields_of(parameter)
+        if calibration_half_width(parameter, given):
+            # Per newton metre: that the flight alone leaves.
+            content["ci95_flight"] = flight_interval(parameter, given)
+        parameters.append(content)
     return {
         "structure": model.structure,
         "recommended": model.recommended,
@@ -303,7 +299,7 @@ def _model(model: Model, given: InputDescription | None) -> dict[str, Any]:
         "inputs": model.inputs,
         "A": model.A,
         "B": model.B,
-        "parameters": [_parameter(parameter, given) for parameter in model.parameters],
+        "parameters": parameters,
         "actuator": None if model.actuator is None else _actuator(model.actuator),
         "yaw_reaction": None
         if model.yaw_reaction is None
@@ -378,6 +374,13 @@ def _actuator(actuator: Actuator) -> dict[str, Any]:
 def _windows(model: Model, windows: Windows) -> dict[str, Any]:
     """Return ``windows``: statistics over all of them, estimates over the used ones."""
     ranks, counts = np.unique(windows.rank, return_counts=True)
+    columns = (*model.regressors, *model.inputs)
+    # Infinite values count, and are reported as None.
+    spread: dict[str, float | None] = dict.fromkeys(("median", "p05", "p95"))
+    if windows.condition_number.size:
+        # Quantiles of the order statistics themselves: interpolating beside an infinity gives NaN.
+        low, middle, high = np.quantile(windows.condition_number, [0.05, 0.5, 0.95], method="nearest")
+        spread = {"median": float(middle), "p05": float(low), "p95": float(high)}
     return {
         "n": windows.time_s.shape[0],
         "width": windows.width,
@@ -385,32 +388,17 @@ def _windows(model: Model, windows: Windows) -> dict[str, Any]:
         "period_s": windows.period_s,
         "used": int(np.count_nonzero(windows.used)),
         "weakest": weakest_words(windows.weakest, (*model.regressors, *model.inputs)),
-        "condition_number": _spread(windows.condition_number),
+        "condition_number": spread,
         "rank": {str(rank): int(count) for rank, count in zip(ranks, counts, strict=True)},
         "estimates": {
             parameter.name: _estimate(windows.coefficients[windows.used][:, row, column])
-            for parameter, row, column in _places(model)
+            for parameter, row, column in [
+                (parameter, model.targets.index(parameter.target), columns.index(parameter.regressor))
+                for parameter in model.parameters
+                if parameter.target in model.targets and parameter.regressor in columns
+            ]
         },
     }
-
-
-def _places(model: Model) -> list[tuple[Parameter, int, int]]:
-    """Return each parameter with its row and column in the windows' coefficients [A B]."""
-    columns = (*model.regressors, *model.inputs)
-    return [
-        (parameter, model.targets.index(parameter.target), columns.index(parameter.regressor))
-        for parameter in model.parameters
-        if parameter.target in model.targets and parameter.regressor in columns
-    ]
-
-
-def _spread(values: FloatArray) -> dict[str, float | None]:
-    """Return median and 5 and 95 % quantiles; infinite values count, and are reported as None."""
-    if not values.size:
-        return {"median": None, "p05": None, "p95": None}
-    # Quantiles of the order statistics themselves: interpolating beside an infinity gives NaN.
-    low, middle, high = np.quantile(values, [0.05, 0.5, 0.95], method="nearest")
-    return {"median": float(middle), "p05": float(low), "p95": float(high)}
 
 
 def _estimate(values: FloatArray) -> dict[str, Any]:

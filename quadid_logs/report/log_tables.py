@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from quadid_logs.align.clock import EVENTS
 from quadid_logs.autopilots import formats, named
-from quadid_logs.data.flight import FlightData, InputDescription, SourceChoice
+from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
 from quadid_logs.report.airframe_facts import airframe_facts
@@ -31,9 +31,22 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
     period_s = data.sample_period_s
     lost = f"{size(log.corrupt_bytes)} in {_counted(len(log.lost), 'block', 'blocks')}"
     dropped = f"{_counted(log.n_dropped, 'message', 'messages')} dropped by the autopilot"
+    torque = "none found"
+    if data.input is not None:
+        unit = "in N m" if data.input.unit == "N m" else "normalised command, not N m"
+        saturated = percent(data.input.saturated_fraction)
+        torque = f"{printable(data.input.source, 120)}, {unit}; {saturated} of the samples saturated"
+    # The dialect, too, where it has no title of its own.
+    titles = {(one.name, one.dialect): one.title for one in formats()}
+    plain = titles.get((log.format, ""), printable(log.format, 40))
+    title = titles.get((log.format, log.dialect), f"{plain} {printable(log.dialect, 40)}".rstrip())
+    clock = "covers no time"
+    if data.duration_s > 0.0:
+        resets = _counted(data.clock_resets, "reset", "resets") if data.clock_resets else "no resets"
+        clock = f"{seconds(data.duration_s)}, from {data.start_s:.1f} s on the log's clock; {resets}"
     facts = [
         ("File", f"{printable(log.path)} ({size(log.n_bytes)})"),
-        ("Format", _format(log)),
+        ("Format", title),
         ("Autopilot", named(log.autopilot).title),
         ("Firmware", printable(log.firmware, 120) or "not stated"),
         (
@@ -41,8 +54,8 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
             ", ".join(filter(None, (printable(log.vehicle_type, 40), printable(log.vehicle_name, 60)))),
         ),
         ("Frame", printable(log.frame, 80) or "not stated"),
-        ("Clock", _clock(data)),
-        ("Torque", _torque(data.input)),
+        ("Clock", clock),
+        ("Torque", torque),
         ("Flights", flights_text(log, data)),
         (
             "Analyzed" if result.identification.recommended else "Without gaps",
@@ -60,31 +73,6 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
         ]
         facts.append(("MAVLink systems", some(systems, log.n_systems)))
     return tuple(facts)
-
-
-def _torque(described: InputDescription | None) -> str:
-    """Say where the torque comes from, and in which unit it is."""
-    if described is None:
-        return "none found"
-    unit = "in N m" if described.unit == "N m" else "normalised command, not N m"
-    saturated = percent(described.saturated_fraction)
-    return f"{printable(described.source, 120)}, {unit}; {saturated} of the samples saturated"
-
-
-def _format(log: FlightLog) -> str:
-    """Return the title of the log's format, and its dialect where that has no title of its own."""
-    titles = {(one.name, one.dialect): one.title for one in formats()}
-    if (log.format, log.dialect) in titles:
-        return titles[log.format, log.dialect]
-    return f"{titles.get((log.format, ''), printable(log.format, 40))} {printable(log.dialect, 40)}".rstrip()
-
-
-def _clock(data: FlightData) -> str:
-    """Say what the log's clock covers."""
-    if not data.duration_s > 0.0:
-        return "covers no time"
-    resets = _counted(data.clock_resets, "reset", "resets") if data.clock_resets else "no resets"
-    return f"{seconds(data.duration_s)}, from {data.start_s:.1f} s on the log's clock; {resets}"
 
 
 def _counted(count: int, one: str, many: str) -> str:

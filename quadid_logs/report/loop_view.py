@@ -46,14 +46,41 @@ def loop_view(result: Result) -> LoopView:
     if not loop.axes:
         text = "The log's parameters do not describe the controller, or it has parts that are not modelled."
         return LoopView(intro=f"{text} The loop is not judged.", sentences=(), margins=None)
+    controllers = loop.controllers
+    intro = (
+        f"The gains of the log's parameters, in {controllers.name}, closed around the model: how far the "
+        "vehicle is from oscillating"
+    )
+    predictable = any(one.predictable for one in controllers.axes.values())
+    intro += ", and whether its set-points alone predict the flight." if predictable else "."
+    if controllers.version_read != "read":
+        law = printable(controllers.version_note, 40)
+        intro += f" The control law of version {law} was used, the nearest that is known."
+    rows = []
+    for axis, found in loop.axes.items():
+        if found.margins is not None:
+            also = "contradicted" if found.contradicted else ""
+            rows.append(_row(f"{axis}, rate loop", found.margins.rate, also))
+            if found.margins.full is not None:
+                rows.append(_row(f"{axis}, with angle loop", found.margins.full, also))
+    table = None
+    if rows:
+        table = Table(
+            caption="Margins of the loop, cut at the mixer",
+            head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [ms]", "disk", "peak of S"),
+            rows=tuple(rows),
+            note="Small: the 95 % interval. Where extrapolated, the "
+            f"interval allows for up to {number(MOST_UNMODELLED_DEG, 2)} degrees less phase above what was "
+            "measured.",
+        )
     return LoopView(
-        intro=_intro(loop),
+        intro=intro,
         sentences=(
             *(_sentence(axis, found) for axis, found in loop.axes.items()),
             *outer_sentences(loop.outer),
             *_own_units(loop),
         ),
-        margins=_table(loop),
+        margins=table,
         filters=filter_tables(result),
         outer=outer_tables(loop.outer),
     )
@@ -71,21 +98,6 @@ def _own_units(loop: ClosedLoop) -> Iterator[str]:
             told.append(f"{axis} with {resolved(own.value, *own.ci95)} ({interval(*own.ci95)}) deg/s²")
     if told:
         yield f"One {unit.name} turns {', '.join(told)}: the b0 of an ADRC, before its own scaling."
-
-
-def _intro(loop: ClosedLoop) -> str:
-    """Say which controller it is, and what is done with it."""
-    controllers = loop.controllers
-    text = (
-        f"The gains of the log's parameters, in {controllers.name}, closed around the model: how far the "
-        "vehicle is from oscillating"
-    )
-    predictable = any(one.predictable for one in controllers.axes.values())
-    text += ", and whether its set-points alone predict the flight." if predictable else "."
-    if controllers.version_read == "read":
-        return text
-    law = printable(controllers.version_note, 40)
-    return f"{text} The control law of version {law} was used, the nearest that is known."
 
 
 def _sentence(axis: str, found: AxisLoop) -> str:
@@ -137,27 +149,6 @@ def _at_least(margins: Margins) -> str:
     told = ((number(each.value, 2), number(max(each.ci95[0], 0.0), 2), unit) for each, unit in pairs if each)
     less = [f"{low} {unit}" for value, low, unit in told if low != value]
     return f" (extrapolated: it may be as little as {' and '.join(less)})" if less else " (extrapolated)"
-
-
-def _table(loop: ClosedLoop) -> Table | None:
-    """Return the margins of every loop."""
-    rows = []
-    for axis, found in loop.axes.items():
-        if found.margins is not None:
-            also = "contradicted" if found.contradicted else ""
-            rows.append(_row(f"{axis}, rate loop", found.margins.rate, also))
-            if found.margins.full is not None:
-                rows.append(_row(f"{axis}, with angle loop", found.margins.full, also))
-    if not rows:
-        return None
-    return Table(
-        caption="Margins of the loop, cut at the mixer",
-        head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [ms]", "disk", "peak of S"),
-        rows=tuple(rows),
-        note="Small: the 95 % interval. Where extrapolated, the "
-        f"interval allows for up to {number(MOST_UNMODELLED_DEG, 2)} degrees less phase above what was "
-        "measured.",
-    )
 
 
 def _row(name: str, margins: Margins, also: str) -> tuple[Cell, ...]:

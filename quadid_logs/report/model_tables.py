@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -70,7 +69,25 @@ def more_tables(result: Result, model: Model) -> tuple[Table, ...]:
         refused = _refused_targets(result)
         tables.append(_matrix(model, _columns(model, chosen), chosen, _PRODUCTS_CAPTION, refused))
     if model.inertia is not None:
-        tables.append(_published(model.inertia, result))
+        rows = comparison_rows(model.inertia, result.vehicle)
+        tables.append(
+            Table(
+                caption="Beside other vehicles [kg m²]",
+                head=("vehicle", "mass [kg]", "Ixx", "Iyy", "Izz"),
+                rows=tuple(
+                    (
+                        Cell(text=name, detail=source),
+                        Cell(text=mass),
+                        *(
+                            Cell(text=moment, weak=place == 0 and distrusted)
+                            for moment, distrusted in zip(moments, refused_axes(result), strict=True)
+                        ),
+                    )
+                    for place, (name, mass, source, moments) in enumerate(rows)
+                ),
+                note="The nearest comes first. Moments grow with mass times the square of the size.",
+            )
+        )
     curve = result.identification.thrust_curve
     if curve is not None and curve.effectiveness.size:
         tables.append(thrust_table(curve))
@@ -118,17 +135,30 @@ def _matrix(
         for parameter in model.parameters
         if parameter.target not in distrusted and parameter.regressor in columns
     )
+    in_words = ((name, regressor_words(name)) for name in columns)
+    # Which elements are grey and why, those with the same reason together.
+    reasons: dict[str, list[str]] = {}
+    for parameter in trusted:
+        if not parameter.identifiable:
+            reasons.setdefault(printable(parameter.reason, 160), []).append(
+                term_words(printable(parameter.target, 20), printable(parameter.regressor, 20))
+            )
+    weak_note = ""
+    if reasons:
+        grey = "Grey: values that this flight does not identify; do not use them."
+        longest = max(reasons, key=lambda reason: len(reasons[reason]))
+        if len(reasons[longest]) > _MOST_NAMED:
+            # A dozen names with one reason hide the others.
+            last = reasons.pop(longest)
+            reasons[longest] = ["all others"] if reasons else ["all of them"] if len(last) > 1 else last
+        why = "; ".join(f"{', '.join(names)}: {reason or 'not known'}" for reason, names in reasons.items())
+        weak_note = f"{grey} Reasons: {why}."
     return Table(
         caption=caption,
-        head=("", *(_column_words(name) for name in columns)),
+        head=("", *(name if said == name else f"{said} ({name})" for name, said in in_words)),
         rows=rows,
-        note=" ".join(filter(None, (words, refused if distrusted else "", _weak_note(trusted)))),
+        note=" ".join(filter(None, (words, refused if distrusted else "", weak_note))),
     )
-
-
-def _column_words(name: str) -> str:
-    words = regressor_words(name)
-    return name if words == name else f"{words} ({name})"
 
 
 def _entry(parameter: Parameter | None, value: float, largest: float, distrusted: bool) -> Cell:
@@ -144,48 +174,7 @@ def _entry(parameter: Parameter | None, value: float, largest: float, distrusted
     return Cell(text=resolved(parameter.value, *parameter.ci95), detail=detail, weak=weak)
 
 
-def _weak_note(parameters: Iterable[Parameter]) -> str:
-    """Say which elements are grey and why, those with the same reason together."""
-    reasons: dict[str, list[str]] = {}
-    for parameter in parameters:
-        if not parameter.identifiable:
-            reasons.setdefault(printable(parameter.reason, 160), []).append(
-                term_words(printable(parameter.target, 20), printable(parameter.regressor, 20))
-            )
-    if not reasons:
-        return ""
-    grey = "Grey: values that this flight does not identify; do not use them."
-    longest = max(reasons, key=lambda reason: len(reasons[reason]))
-    if len(reasons[longest]) > _MOST_NAMED:
-        # A dozen names with one reason hide the others.
-        last = reasons.pop(longest)
-        reasons[longest] = ["all others"] if reasons else ["all of them"] if len(last) > 1 else last
-    why = "; ".join(f"{', '.join(names)}: {reason or 'not known'}" for reason, names in reasons.items())
-    return f"{grey} Reasons: {why}."
-
-
 def _moment(inertia: Inertia, i: int, j: int, *, weak: bool) -> Cell:
     """Return one entry of the tensor."""
     ends = float(inertia.ci95_low[i, j]), float(inertia.ci95_high[i, j])
     return Cell(text=resolved(float(inertia.matrix[i, j]), *ends), detail=interval(*ends), weak=weak)
-
-
-def _published(inertia: Inertia, result: Result) -> Table:
-    """Hold the moments of inertia against the user's own and against published ones."""
-    rows = comparison_rows(inertia, result.vehicle)
-    return Table(
-        caption="Beside other vehicles [kg m²]",
-        head=("vehicle", "mass [kg]", "Ixx", "Iyy", "Izz"),
-        rows=tuple(
-            (
-                Cell(text=name, detail=source),
-                Cell(text=mass),
-                *(
-                    Cell(text=moment, weak=place == 0 and distrusted)
-                    for moment, distrusted in zip(moments, refused_axes(result), strict=True)
-                ),
-            )
-            for place, (name, mass, source, moments) in enumerate(rows)
-        ),
-        note="The nearest comes first. Moments grow with mass times the square of the size.",
-    )

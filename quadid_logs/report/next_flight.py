@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Final
 
 from quadid_logs.data.catalogue import CATALOGUE, THIS_MOTOR
@@ -31,25 +30,36 @@ def next_steps(result: Result) -> tuple[str, ...]:
     At most `_MOST_STEPS`.
     """
     found = ordered_steps((result.log, finding) for finding in result.diagnosis.findings)
-    advice = tuple(dict.fromkeys((*_to_be_mended(result), *found)))
+    # Faults of the vehicle first.
+    health = result.health or Health()
+    mend = [
+        _with_its_name(code, health)
+        for topic in health.topics.values()
+        if topic.level in ("high", "severe")
+        for code in topic.findings
+        if CATALOGUE[code].scope == "vehicle"
+    ]
+    advice = tuple(dict.fromkeys((*mend, *found)))
     if not refused_names(result) and _gains_sentence(result):
         # What `tune` says stands below: that it says something is not said beside it.
         advice = tuple(filter(None, (step.replace(_ASK_TUNE, "").strip() for step in advice)))
     steps = [filled(printable(step, 800), result) for step in advice[:_MOST_STEPS]]
     if not refused_names(result) and result.identification.recommended is not None:
-        further = list(_with_the_model(result))
+        # What a usable model is good for.
+        further = []
+        gains = _gains_sentence(result)
+        if gains:
+            further.append(gains)
+        if not result.pooled:
+            gazebo = ", `model.sdf` for Gazebo" if ".sdf" in model_formats_of(result) else ""
+            export = on_log(result, "export", "--model", "-o", "model.mat")
+            further.append(f"Use the model: `{export}` for MATLAB, `model.py` for python-control{gazebo}.")
+        further.append(
+            "After a change of propellers, load, battery or gains, fly the same manoeuvre again and "
+            f"see what it did: `{with_next_log(result)}`"
+        )
         steps = [*steps[: _MOST_STEPS - len(further)], *further]
     return tuple(steps)
-
-
-def _to_be_mended(result: Result) -> Iterator[str]:
-    """Yield what to do about faults of the vehicle, the most urgent first."""
-    health = result.health or Health()
-    for topic in health.topics.values():
-        if topic.level in ("high", "severe"):
-            yield from (
-                _with_its_name(code, health) for code in topic.findings if CATALOGUE[code].scope == "vehicle"
-            )
 
 
 def _with_its_name(code: str, health: Health) -> str:
@@ -59,21 +69,6 @@ def _with_its_name(code: str, health: Health) -> str:
         return advice
     faulty = dict.fromkeys(one.rotor for one in rotors.faults if one.code == code and one.rotor >= 0)
     return advice.replace(THIS_MOTOR, listed([rotors.names[one] for one in faulty]) or THIS_MOTOR)
-
-
-def _with_the_model(result: Result) -> Iterator[str]:
-    """Yield what a usable model is good for."""
-    gains = _gains_sentence(result)
-    if gains:
-        yield gains
-    if not result.pooled:
-        gazebo = ", `model.sdf` for Gazebo" if ".sdf" in model_formats_of(result) else ""
-        export = on_log(result, "export", "--model", "-o", "model.mat")
-        yield f"Use the model: `{export}` for MATLAB, `model.py` for python-control{gazebo}."
-    yield (
-        "After a change of propellers, load, battery or gains, fly the same manoeuvre again and see what "
-        f"it did: `{with_next_log(result)}`"
-    )
 
 
 def _gains_sentence(result: Result) -> str:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from quadid_logs.control.room import whole
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
-from quadid_logs.data.off_nominal import Condition, ConditionKind, ConditionMargins
+from quadid_logs.data.off_nominal import Condition, ConditionKind
 from quadid_logs.data.tuning import AxisTuning, Tuning
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.loop_json import margins_dict
@@ -56,10 +56,19 @@ def off_nominal_tables(tuning: Tuning) -> Iterator[Table]:
         if not found.off_nominal:
             continue
         changes = found.verdict == "change"
+        rows = []
+        for one in found.off_nominal:
+            words = condition_words(one.condition)
+            turns = f"turns ×{number(one.effectiveness.value, 3)}"
+            head = Cell(text=f"{words} (worst case)" if one.worst else words, detail=turns)
+            flown = _figures(whole(one.now))
+            pairs = zip(flown, _figures(whole(one.next)), strict=True) if changes and one.next else None
+            cells = pairs or ((None, figure) for figure in flown)
+            rows.append((head, *(_cell(*each) for each in cells)))
         yield Table(
             caption=f"{axis.capitalize()}, {'flown → next gains' if changes else 'flown gains'}",
             head=("condition", "gain [dB]", "phase [deg]", "disk"),
-            rows=tuple(_row(one, changes=changes) for one in found.off_nominal),
+            rows=tuple(rows),
         )
 
 
@@ -73,17 +82,6 @@ def off_nominal_note(tuning: Tuning) -> str:
         "with the "
         "gains named last." + without
     )
-
-
-def _row(one: ConditionMargins, *, changes: bool) -> tuple[Cell, ...]:
-    words = condition_words(one.condition)
-    turns = f"turns ×{number(one.effectiveness.value, 3)}"
-    head = Cell(text=f"{words} (worst case)" if one.worst else words, detail=turns)
-    before = whole(one.now)
-    if not changes or one.next is None:
-        return (head, *(_cell(None, figure) for figure in _figures(before)))
-    pairs = zip(_figures(before), _figures(whole(one.next)), strict=True)
-    return (head, *(_cell(flown, figure) for flown, figure in pairs))
 
 
 def _figures(margins: Margins) -> tuple[Estimated | None, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from quadid_logs.control.outer_findings import outermost
-from quadid_logs.data.closed_loop import Estimated, Margins
+from quadid_logs.data.closed_loop import Estimated
 from quadid_logs.data.outer_loops import OuterLoop, OuterLoops, Shown
 from quadid_logs.report.cells import Cell, Table, estimated_cell
 from quadid_logs.report.numbers import number
@@ -25,22 +25,19 @@ def outer_sentences(outer: OuterLoops | None) -> Iterator[str]:
         return
     for axis, found in outer.loops.items():
         margins = outermost(found)
-        yield f"Velocity {_ALONG[axis]}, by {axis}: {_distance(margins)}"
-
-
-def _distance(margins: Margins) -> str:
-    """Say how far a loop is from instability, and what delay it bears."""
-    if not margins.stable:
-        return "the model with these controllers is unstable."
-    phase, gain, delay = margins.phase_margin_deg, margins.gain_margin_db, margins.delay_margin_s
-    far = [f"{number(phase.value, 2)} degrees" if phase is not None else ""]
-    far.append(f"{number(gain.value, 2)} dB" if gain is not None else "")
-    text = f"{' and '.join(filter(None, far)) or 'far'} from instability"
-    return (
-        text
-        if delay is None
-        else f"{text}; the loop tolerates a further delay of {number(delay.value, 2)} s."
-    )
+        if not margins.stable:
+            distance = "the model with these controllers is unstable."
+        else:
+            phase, gain, delay = margins.phase_margin_deg, margins.gain_margin_db, margins.delay_margin_s
+            far = [f"{number(phase.value, 2)} degrees" if phase is not None else ""]
+            far.append(f"{number(gain.value, 2)} dB" if gain is not None else "")
+            text = f"{' and '.join(filter(None, far)) or 'far'} from instability"
+            distance = (
+                text
+                if delay is None
+                else f"{text}; the loop tolerates a further delay of {number(delay.value, 2)} s."
+            )
+        yield f"Velocity {_ALONG[axis]}, by {axis}: {distance}"
 
 
 def outer_tables(outer: OuterLoops | None) -> tuple[Table, ...]:
@@ -50,23 +47,39 @@ def outer_tables(outer: OuterLoops | None) -> tuple[Table, ...]:
     """
     if outer is None:
         return ()
-    found = (_margins_table(outer), _attitude_table(outer), _cascade_table(outer))
-    return tuple(table for table in found if table is not None)
-
-
-def _margins_table(outer: OuterLoops) -> Table | None:
     rows = [row for axis, found in outer.loops.items() for row in _margin_rows(axis, found)]
-    if not rows:
-        return None
-    return Table(
-        caption="Margins of velocity and position loops, cut at the acceleration set-point",
-        head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [s]", "attitude [Hz]"),
-        rows=tuple(rows),
-        note=(
-            "Small: the 95 % interval from what is known of the vehicle. It leaves out wind, air drag "
-            "and the estimator's delay; compare that delay with the one that the loop tolerates."
-        ),
-    )
+    margins = None
+    if rows:
+        margins = Table(
+            caption="Margins of velocity and position loops, cut at the acceleration set-point",
+            head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [s]", "attitude [Hz]"),
+            rows=tuple(rows),
+            note=(
+                "Small: the 95 % interval from what is known of the vehicle. It leaves out wind, air drag "
+                "and the estimator's delay; compare that delay with the one that the loop tolerates."
+            ),
+        )
+    cascades = None
+    if outer.cascades:
+        cascades = Table(
+            caption="Position and velocity controllers, replayed",
+            head=("direction", "controllers", "position", "velocity P", "velocity I", "velocity error [m/s]"),
+            rows=tuple(
+                (
+                    Cell(text=direction),
+                    Cell(text=_SHOWN[one.shown]),
+                    estimated_cell(one.position),
+                    estimated_cell(one.velocity),
+                    estimated_cell(one.integral),
+                    Cell(text=number(one.velocity_error_m_s, 2)),
+                )
+                for direction, one in outer.cascades.items()
+            ),
+            note="Gains over those of the parameters, with 95 % intervals. Error: rms of target less "
+            "velocity.",
+        )
+    found = (margins, _attitude_table(outer), cascades)
+    return tuple(table for table in found if table is not None)
 
 
 def _margin_rows(axis: str, found: OuterLoop) -> Iterator[tuple[Cell, ...]]:
@@ -114,29 +127,6 @@ def _attitude_table(outer: OuterLoops) -> Table | None:
             "Off by: rms of the difference over the rms of the logged signal. The input shaper is "
             "replayed only where position control commands the angle."
         ),
-    )
-
-
-def _cascade_table(outer: OuterLoops) -> Table | None:
-    if not outer.cascades:
-        return None
-    return Table(
-        caption="Position and velocity controllers, replayed",
-        head=("direction", "controllers", "position", "velocity P", "velocity I", "velocity error [m/s]"),
-        rows=tuple(
-            (
-                (
-                    Cell(text=direction),
-                    Cell(text=_SHOWN[found.shown]),
-                    estimated_cell(found.position),
-                    estimated_cell(found.velocity),
-                    estimated_cell(found.integral),
-                    Cell(text=number(found.velocity_error_m_s, 2)),
-                )
-            )
-            for direction, found in outer.cascades.items()
-        ),
-        note="Gains over those of the parameters, with 95 % intervals. Error: rms of target less velocity.",
     )
 
 

@@ -80,6 +80,9 @@ def live_files(plan: Plan) -> dict[str, str]:
 
 def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
     """Return the manoeuvre card as Markdown that reads well as plain text."""
+    by_hand = [f"{place}. [ ] {step}" for place, step in enumerate(plan.steps_by_hand(), start=1)]
+    if by_hand:
+        by_hand = ["## Without the script", "", *by_hand, ""]
     return (
         f"# Flight plan: {', '.join(plan.axes)} ({plan.autopilot})",
         "",
@@ -92,7 +95,7 @@ def card_lines(plan: Plan, prediction: Prediction) -> tuple[str, ...]:
         "",
         *(f"{place}. [ ] {step}" for place, step in enumerate(_steps(plan), start=1)),
         "",
-        *_by_hand(plan),
+        *by_hand,
         "## Expect",
         "",
         *_expected(plan, prediction),
@@ -143,6 +146,13 @@ def plan_text(plan: Plan, prediction: Prediction) -> str:
     """Return the plan and what its simulated flight gave as strict JSON in ASCII."""
     model = prediction.identification.recommended
     actuator = None if model is None else model.actuator
+    axes = {}
+    for axis in plan.axes:
+        found = _on_axis(prediction, axis)
+        gain = None
+        if found is not None:
+            gain = {"name": found.name, "value": found.value, "ci95": found.ci95, "unit": found.unit}
+        axes[axis] = {"verdict": prediction.diagnosis.axes[axis].verdict, "gain": gain}
     content: dict[str, Any] = {
         "schema_version": "1.0",
         "autopilot": plan.autopilot,
@@ -160,20 +170,11 @@ def plan_text(plan: Plan, prediction: Prediction) -> str:
         "steps": _steps(plan),
         "expected": {
             "vehicle": prediction.vehicle,
-            "axes": {axis: _expected_axis(prediction, axis) for axis in plan.axes},
+            "axes": axes,
             "lag_s": None if actuator is None else {"value": actuator.lag_s, "ci95": actuator.lag_ci95_s},
         },
     }
     return strict_text(content)
-
-
-def _expected_axis(prediction: Prediction, axis: str) -> dict[str, Any]:
-    """Return verdict and on-axis effectiveness of an axis of the simulated flight."""
-    found = _on_axis(prediction, axis)
-    gain = None
-    if found is not None:
-        gain = {"name": found.name, "value": found.value, "ci95": found.ci95, "unit": found.unit}
-    return {"verdict": prediction.diagnosis.axes[axis].verdict, "gain": gain}
 
 
 def _on_axis(prediction: Prediction, axis: str) -> Parameter | None:
@@ -218,16 +219,6 @@ def _steps(plan: Plan) -> tuple[str, ...]:
         f"Take the log from the card, and run `{command('analyze', LOG)}`. Where there are several, as after "
         f"a restart, run `{command('analyze', LOG, NEXT_LOG, '--pool')}`.",
     )
-
-
-def _by_hand(plan: Plan) -> Iterator[str]:
-    """Yield how to fly without the script."""
-    steps = plan.steps_by_hand()
-    if steps:
-        yield "## Without the script"
-        yield ""
-        yield from (f"{place}. [ ] {step}" for place, step in enumerate(steps, start=1))
-        yield ""
 
 
 def _expected(plan: Plan, prediction: Prediction) -> Iterator[str]:

@@ -33,6 +33,19 @@ _LONGEST_TEXT: Final = 300
 
 def promise_text(promise: Promise, provenance: Provenance) -> str:
     """Return a promise as strict JSON in ASCII."""
+    balance = None
+    if promise.balance is not None:
+        centre = [{"value": one.value, "ci95": one.ci95} for one in promise.balance.centre]
+        balance = {"centre": centre, "place": promise.balance.place}
+    axes = {}
+    for axis, one in promise.axes.items():
+        margins = one.margins
+        loops = None
+        if margins is not None:
+            full = None if margins.full is None else margins_dict(margins.full)
+            loops = {"rate": margins_dict(margins.rate), "full": full}
+        gains = {name: gain._asdict() for name, gain in one.gains.items()}
+        axes[axis] = {"verdict": one.verdict, "gains": gains, "margins": loops}
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "kind": _KIND,
@@ -56,30 +69,13 @@ def promise_text(promise: Promise, provenance: Provenance) -> str:
                 }
                 for one in promise.quantities
             ],
-            "balance": _balance_dict(promise.balance),
+            "balance": balance,
         },
         "limits": promise.limits._asdict(),
         "ranges": {name: list(ends) for name, ends in promise.ranges._asdict().items()},
-        "axes": {axis: _axis_dict(one) for axis, one in promise.axes.items()},
+        "axes": axes,
     }
     return strict_text(content)
-
-
-def _balance_dict(balance: RotorBalance | None) -> dict[str, Any] | None:
-    if balance is None:
-        return None
-    centre = [{"value": one.value, "ci95": one.ci95} for one in balance.centre]
-    return {"centre": centre, "place": balance.place}
-
-
-def _axis_dict(one: AxisPromise) -> dict[str, Any]:
-    margins = one.margins
-    loops = None
-    if margins is not None:
-        full = None if margins.full is None else margins_dict(margins.full)
-        loops = {"rate": margins_dict(margins.rate), "full": full}
-    gains = {name: gain._asdict() for name, gain in one.gains.items()}
-    return {"verdict": one.verdict, "gains": gains, "margins": loops}
 
 
 def read_promise(path: Path) -> Promise:

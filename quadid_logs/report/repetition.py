@@ -35,7 +35,21 @@ def headline(found: Repeatability) -> str:
     flights = counted(len(found.flights), "flight")
     if found.strangers:
         return f"these are not flights of one vehicle: {'; '.join(_stranger_sentences(found))}"
-    outliers = [_outlier_sentence(found, each) for each in found.quantities if each.outliers]
+    outliers = []
+    for each in found.quantities:
+        if each.outliers:
+            (one,) = each.outliers
+            (own,) = (item for item in each.estimates if item.flight == one.flight)
+            others = own.value - one.difference
+            if each.axis and others:
+                size = f"{number(100.0 * abs(one.difference / others), 2)} %"
+            else:
+                size = f"{number(abs(one.difference), 2)} {pretty_unit(each.unit)}"
+            which = f"{each.axis} {each.kind}" if each.axis else each.words
+            more = "more" if abs(own.value) > abs(others) else "less"
+            outliers.append(
+                f"{name_of(found, one.flight)} is the outlier: {size} {more} {which} than the others"
+            )
     if outliers:
         return "; ".join(outliers)
     differing = [each for each in found.quantities if each.differs]
@@ -75,7 +89,16 @@ def repetition_lines(found: Repeatability) -> tuple[str, ...]:
     """
     lines = [headline(found)]
     for axis, outcome in found.axes.items():
-        lines.append(f"  {axis:<5}  {outcome}{_why_not(found, axis)}")
+        why_not = ""
+        if outcome == "not comparable":
+            known = [place for place, each in enumerate(found.reasons) if axis not in each]
+            which = f"only {name_of(found, known[0])} identifies it" if known else "no flight identifies it"
+            first = next(
+                ((place, each[axis]) for place, each in enumerate(found.reasons) if axis in each), None
+            )
+            why = "" if first is None else f" ({name_of(found, first[0])}: {printable(first[1], 300)})"
+            why_not = f": {which}{why}"
+        lines.append(f"  {axis:<5}  {outcome}{why_not}")
         lines += [f"{'':9}{text}" for each in _own(found, axis) for text in _quantity_lines(found, each)]
     if shared := _own(found, ""):
         lines += [
@@ -101,17 +124,6 @@ def unknown_words(found: Repeatability, flight: int) -> str:
 
 def _own(found: Repeatability, axis: str) -> list[RepeatedQuantity]:
     return [each for each in found.quantities if each.axis == axis]
-
-
-def _why_not(found: Repeatability, axis: str) -> str:
-    """Say why an axis was not compared."""
-    if found.axes[axis] != "not comparable":
-        return ""
-    known = [place for place, each in enumerate(found.reasons) if axis not in each]
-    which = f"only {name_of(found, known[0])} identifies it" if known else "no flight identifies it"
-    first = next(((place, each[axis]) for place, each in enumerate(found.reasons) if axis in each), None)
-    why = "" if first is None else f" ({name_of(found, first[0])}: {printable(first[1], 300)})"
-    return f": {which}{why}"
 
 
 def _quantity_lines(found: Repeatability, quantity: RepeatedQuantity) -> Iterator[str]:
@@ -144,20 +156,6 @@ def mark(quantity: RepeatedQuantity, each: FlightEstimate) -> str:
 def _stranger_sentences(found: Repeatability) -> Iterator[str]:
     for flight, why in found.strangers.items():
         yield f"{name_of(found, flight)} has {printable(why, 200)}"
-
-
-def _outlier_sentence(found: Repeatability, quantity: RepeatedQuantity) -> str:
-    """Name the flight that differs from the others, and by how much."""
-    (one,) = quantity.outliers
-    (own,) = (each for each in quantity.estimates if each.flight == one.flight)
-    others = own.value - one.difference
-    if quantity.axis and others:
-        size = f"{number(100.0 * abs(one.difference / others), 2)} %"
-    else:
-        size = f"{number(abs(one.difference), 2)} {pretty_unit(quantity.unit)}"
-    which = f"{quantity.axis} {quantity.kind}" if quantity.axis else quantity.words
-    more = "more" if abs(own.value) > abs(others) else "less"
-    return f"{name_of(found, one.flight)} is the outlier: {size} {more} {which} than the others"
 
 
 def _differ_sentence(found: Repeatability, quantity: RepeatedQuantity) -> str:

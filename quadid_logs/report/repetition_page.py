@@ -54,6 +54,19 @@ def repetition_page(found: Repeatability, figures: Sequence[Figure] = ()) -> str
     str
         A complete HTML document that asks no host for anything.
     """
+    axes = []
+    for axis, outcome in found.axes.items():
+        own = [each for each in found.quantities if each.axis == axis and each.kind == "effectiveness"]
+        if own:
+            parts = (
+                f"Effectiveness {mean_words(own[0])}",
+                f"between flights {between_words(own[0])}",
+                held_words(own[0]),
+            )
+            sentence = f"{'; '.join(filter(None, parts))}."
+        else:
+            sentence = "Fewer than two flights identify the effectiveness."
+        axes.append(AxisView(axis=axis, outcome=outcome, style=_STYLES[outcome], sentence=sentence))
     page: str = (
         environment()
         .get_template("repeat.html")
@@ -61,7 +74,7 @@ def repetition_page(found: Repeatability, figures: Sequence[Figure] = ()) -> str
             n_flights=counted(len(found.flights), "flight"),
             headline=headline(found),
             style=_STYLES[found.verdict],
-            axes=[_axis(found, axis) for axis in found.axes],
+            axes=axes,
             tables=[
                 _flights(found),
                 *(
@@ -84,21 +97,6 @@ def repetition_page(found: Repeatability, figures: Sequence[Figure] = ()) -> str
         )
     )
     return page
-
-
-def _axis(found: Repeatability, axis: str) -> AxisView:
-    own = [each for each in found.quantities if each.axis == axis and each.kind == "effectiveness"]
-    if own:
-        parts = (
-            f"Effectiveness {mean_words(own[0])}",
-            f"between flights {between_words(own[0])}",
-            held_words(own[0]),
-        )
-        sentence = f"{'; '.join(filter(None, parts))}."
-    else:
-        sentence = "Fewer than two flights identify the effectiveness."
-    outcome = found.axes[axis]
-    return AxisView(axis=axis, outcome=outcome, style=_STYLES[outcome], sentence=sentence)
 
 
 def _flights(found: Repeatability) -> Table:

@@ -148,7 +148,13 @@ def write_table(data: FlightData, path: Path, *, force: bool = False) -> int:
     check_table_path(path, force=force)
     table = aligned_table(data)
     try:
-        with new_folder(path.parent), _beside(path.parent) as beside:
+        remove_unfinished(path.parent)
+        with (
+            new_folder(path.parent),
+            tempfile.TemporaryDirectory(
+                prefix=beside_prefix(), dir=path.parent, ignore_cleanup_errors=True
+            ) as beside,
+        ):
             written = Path(beside) / f"table{path.suffix.lower()}"
             _write(table, written)
             written.replace(path)
@@ -156,12 +162,6 @@ def write_table(data: FlightData, path: Path, *, force: bool = False) -> int:
         reason = error.strerror or type(error).__name__
         raise OutputError(f"Cannot write {printable(path)}: {reason}.") from error
     return int(table["time_s"].shape[0])
-
-
-def _beside(folder: Path) -> tempfile.TemporaryDirectory[str]:
-    """Return a new folder in another one, from which what killed runs left is gone."""
-    remove_unfinished(folder)
-    return tempfile.TemporaryDirectory(prefix=beside_prefix(), dir=folder, ignore_cleanup_errors=True)
 
 
 def _write(table: dict[str, AnyArray], path: Path) -> None:

@@ -20,7 +20,13 @@ def result_lines(result: Result) -> tuple[str, ...]:
     lines = [f"{_name(result)}: {structure}{flown_sentence(result)}"]
     for axis in AXES:
         if axis in result.diagnosis.axes:
-            lines += _axis_lines(result, axis)
+            verdict = result.diagnosis.axes[axis]
+            codes = (
+                f" [{' '.join(printable(code, 20) for code in verdict.reasons)}]" if verdict.reasons else ""
+            )
+            lines.append(f"  {axis:<5}  {verdict.verdict:<7}  {printable(verdict.sentence, 400)}{codes}")
+            if effect := effect_sentence(result, axis):
+                lines.append(f"{'':18}{effect}")
     lines += health_lines(result)
     lines += [f"  next: {step}" for step in next_steps(result)]
     return tuple(lines)
@@ -39,12 +45,3 @@ def one_line(result: Result) -> str:
 def _name(result: Result) -> str:
     """Return the log's file name."""
     return printable(result.name, 120)
-
-
-def _axis_lines(result: Result, axis: str) -> list[str]:
-    """Return the verdict of one axis, and its number below."""
-    verdict = result.diagnosis.axes[axis]
-    codes = f" [{' '.join(printable(code, 20) for code in verdict.reasons)}]" if verdict.reasons else ""
-    lines = [f"  {axis:<5}  {verdict.verdict:<7}  {printable(verdict.sentence, 400)}{codes}"]
-    effect = effect_sentence(result, axis)
-    return [*lines, f"{'':18}{effect}"] if effect else lines

@@ -26,27 +26,22 @@ def thrust_table(curve: ThrustCurve) -> Table:
         )
         for thrust, value, (low, high) in levels
     )
+    unnamed = "assumed, because no parameter gives it"
+    name = printable(curve.parameter, 40) or (_BY_SPEED if curve.measured else unnamed)
+    if not curve.identifiable:
+        sentence = (
+            f"This flight does not identify the expo of the thrust curve: {printable(curve.reason)}. "
+            f"{number(curve.assumed, 2)} was used ({name}), and the intervals allow for an error in it."
+        )
+    else:
+        value, assumed = estimate(curve.expo, *curve.ci95), f"{number(curve.assumed, 2)} ({name})"
+        told = f"not {assumed}: the torque was rebuilt with what was found"
+        sentence = (
+            f"The propellers' expo is {value}, {told if curve.corrected else f'which agrees with {assumed}'}."
+        )
     return Table(
         caption="Effectiveness per unit of command against thrust",
         head=("thrust over its mean while the vehicle was moved", "effectiveness over that at the mean"),
         rows=rows,
-        note=f"{_sentence(curve)} Thrust beyond these rows was not flown.",
+        note=f"{sentence} Thrust beyond these rows was not flown.",
     )
-
-
-def _sentence(curve: ThrustCurve) -> str:
-    """Say what the expo is, and what the autopilot takes it for."""
-    unnamed = "assumed, because no parameter gives it"
-    name = printable(curve.parameter, 40) or (_BY_SPEED if curve.measured else unnamed)
-    if not curve.identifiable:
-        return (
-            f"This flight does not identify the expo of the thrust curve: {printable(curve.reason)}. "
-            f"{number(curve.assumed, 2)} was used ({name}), and the intervals allow for an error in it."
-        )
-    value = estimate(curve.expo, *curve.ci95)
-    if curve.corrected:
-        return (
-            f"The propellers' expo is {value}, not {number(curve.assumed, 2)} ({name}): "
-            "the torque was rebuilt with what was found."
-        )
-    return f"The propellers' expo is {value}, which agrees with {number(curve.assumed, 2)} ({name})."

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Tuning
 from quadid_logs.diagnose.advice import advice_for, plannable
@@ -37,7 +36,14 @@ def _card(result: Result, tuning: Tuning, axes: list[str], planned: Plan | None)
     yield from (f"# Confirming flight: {', '.join(axes)}", "", "## Set", "", f"- load {forth}")
     for axis in view.axes:
         yield from (f"  - {one.name} {one.now} -> {one.next}" for one in axis.gains)
-    yield from _settings(result.log) if planned is None else settings_lines(planned)
+    if planned is not None:
+        yield from settings_lines(planned)
+    else:
+        # What to log with an autopilot whose settings are no numbers
+        advice = advice_for(result.log.autopilot)
+        if advice.before_setting:
+            yield f"- {advice.before_setting}"
+        yield f"- {advice.logging(result.log.format, result.log.parameters, result.log.version)}"
     yield from ("", "## Fly", "")
     steps = (
         "Choose calm air, a full battery, 10 m of room to all sides.",
@@ -55,11 +61,3 @@ def _card(result: Result, tuning: Tuning, axes: list[str], planned: Plan | None)
     for axis in view.axes:
         if axis.gains:
             yield f"- {axis.axis}: {axis.promise} {axis.warning}"
-
-
-def _settings(log: FlightLog) -> Iterator[str]:
-    """Yield what to log with an autopilot whose settings are no numbers."""
-    advice = advice_for(log.autopilot)
-    if advice.before_setting:
-        yield f"- {advice.before_setting}"
-    yield f"- {advice.logging(log.format, log.parameters, log.version)}"

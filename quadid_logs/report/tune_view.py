@@ -107,6 +107,35 @@ def tune_view(
     style = "refused" if set(verdicts) == {"refused"} else "caution" if tuning.changes else "usable"
     back = way_back(result.log.autopilot, tuning)
     firmware = printable(result.log.firmware or named(result.log.autopilot).title, 80)
+    steps = []
+    changing = [axis for axis, found in tuning.axes.items() if found.verdict == "change"]
+    if changing:
+        forth, _ = file_names(result.log.autopilot)
+        steps.append(f"{named(result.log.autopilot).advice.gain_loading.format(forth)}.")
+        steps.append(
+            "Take off in calm air and hover at 3 m for 20 s with small stick inputs. Land at once if the "
+            "vehicle shakes or the motors buzz."
+        )
+        steps.append(way_back(result.log.autopilot, tuning).sentence)
+        steps.append("Then fly the confirming flight: plan.md beside this page says what to set and to do.")
+        steps.append(f"Take the log and run `{tune_again(result, tuning)}` on it, until it says keep.")
+    steps += _steps_to_advice(result, tuning)
+    rows = []
+    for axis, found in tuning.axes.items():
+        for when, margins in (("now", found.now), ("next", found.next)):
+            if margins is None or (when == "next" and found.verdict != "change"):
+                continue
+            rows.append(_row(f"{axis}, {when}", "rate loop", margins.rate))
+            if margins.full is not None:
+                rows.append(_row(f"{axis}, {when}", "with angle loop", margins.full))
+    table = None
+    if rows:
+        table = Table(
+            caption="Margins, as flown and as promised",
+            head=("loop", "gain [dB]", "phase [deg]", "disk", "crossover [Hz]", "would oscillate at [Hz]"),
+            rows=tuple(rows),
+            note="Small: the 95 % interval. The promise is computed from the values in the file.",
+        )
     return TuneView(
         name=printable(PurePath(result.log.path).name),
         subtitle=firmware,
@@ -116,8 +145,8 @@ def tune_view(
             _axis(result, axis, found, tuning.limits, back, (forecasts or {}).get(axis, ()))
             for axis, found in tuning.axes.items()
         ),
-        steps=tuple(filled(step, result) for step in _steps(result, tuning)),
-        margins=_table(tuning),
+        steps=tuple(filled(step, result) for step in steps),
+        margins=table,
         limits=f"Limits, each to be met with 97.5 % confidence: {number(tuning.limits.gain_db, 3)} dB, "
         f"{number(tuning.limits.phase_deg, 3)} degrees, a disk margin of {number(tuning.limits.disk, 3)}.",
         off_nominal=tuple(off_nominal_tables(tuning)),
@@ -211,6 +240,36 @@ def _axis(
     # Say why: the decisive reason or every one of a refusal, and whether the next gains are there yet.
     decisive = found.reasons if found.verdict == "refused" else found.reasons[:1]
     told = " ".join(f"{one.title}." for one in decisive)
+    # What it costs or brings: gusts, and noise on the motors.
+    effect = warning = ""
+    if found.verdict == "change":
+        words = []
+        if np.isfinite(found.attitude_error):
+            more = 100.0 * (found.attitude_error - 1.0)
+            move = "turn" if axis == "yaw" else "tilt"
+            words.append(f"gusts will {move} it {number(abs(more), 2)} % {'more' if more > 0.0 else 'less'}")
+        if np.isfinite(found.torque_noise_next):
+            words.append(
+                f"gyro noise on the command {number(100.0 * found.torque_noise, 2)} % → "
+                f"{number(100.0 * found.torque_noise_next, 2)} % of its range ({percent(MOST_NOISE)} is "
+                "accepted)"
+            )
+        text = "; ".join(words)
+        effect = f"{text[:1].upper()}{text[1:]}." if text else ""
+    # What to look and listen for, and then whether the flown gains are a way back.
+    if found.verdict == "change" and found.now is not None and found.next is not None:
+        at = whole(found.next).oscillation_hz
+        # A frequency as a range that a pilot can tell.
+        near = "" if at is None else f" (near {_range(at.ci95)} Hz)"
+        sign = f"Watch {axis} and listen to the motors. Land if {axis} shakes or the motors buzz{near}."
+        if axis in back.axes:
+            warning = f"{sign} Then {back.loaded(axis)}."
+        else:
+            flown = _margin_words(whole(found.now), lambda one: resolved(one.value, *one.ci95))
+            warning = (
+                f"{sign} Do not load the flown gains of {axis} then: they have less margin ({flown}). Tune "
+                "from the log of that flight."
+            )
     return TuneAxisView(
         axis=axis,
         verdict=_WORDS[found.verdict],
@@ -228,8 +287,8 @@ def _axis(
             for name, one in found.changes.items()
         ),
         promise=_promise(found),
-        effect=_effect(axis, found),
-        warning=_warning(axis, found, back),
+        effect=effect,
+        warning=warning,
         reasons=tuple(_reason(result, one) for one in found.reasons),
         filter_note=next((f"{one.title}." for one in found.reasons if one.code == "QL636"), ""),
         autotune=" ".join(autotune_words(one) for one in forecasts),
@@ -321,61 +380,10 @@ def _with_interval(figure: Estimated) -> str:
     return estimate(figure.value, *figure.ci95)
 
 
-def _effect(axis: str, found: AxisTuning) -> str:
-    """Say what it costs or brings: gusts, and noise on the motors."""
-    if found.verdict != "change":
-        return ""
-    words = []
-    if np.isfinite(found.attitude_error):
-        more = 100.0 * (found.attitude_error - 1.0)
-        move = "turn" if axis == "yaw" else "tilt"
-        words.append(f"gusts will {move} it {number(abs(more), 2)} % {'more' if more > 0.0 else 'less'}")
-    if np.isfinite(found.torque_noise_next):
-        words.append(
-            f"gyro noise on the command {number(100.0 * found.torque_noise, 2)} % → "
-            f"{number(100.0 * found.torque_noise_next, 2)} % of its range ({percent(MOST_NOISE)} is accepted)"
-        )
-    text = "; ".join(words)
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
-
-
-def _warning(axis: str, found: AxisTuning, back: WayBack) -> str:
-    """Say what to look and listen for, and then whether the flown gains are a way back."""
-    if found.verdict != "change" or found.now is None or found.next is None:
-        return ""
-    at = whole(found.next).oscillation_hz
-    # A frequency as a range that a pilot can tell.
-    near = "" if at is None else f" (near {_range(at.ci95)} Hz)"
-    sign = f"Watch {axis} and listen to the motors. Land if {axis} shakes or the motors buzz{near}."
-    if axis in back.axes:
-        return f"{sign} Then {back.loaded(axis)}."
-    flown = _margin_words(whole(found.now), lambda one: resolved(one.value, *one.ci95))
-    return (
-        f"{sign} Do not load the flown gains of {axis} then: they have less margin ({flown}). Tune from the "
-        "log of that flight."
-    )
-
-
 def _reason(result: Result, one: Finding) -> ReasonView:
     told = [evidence_phrase(name, value) for name, value in one.evidence.items() if value != ""]
     advice = filled(one.advice, result)
     return ReasonView(code=one.code, title=one.title, advice=advice, evidence=printable("; ".join(told)))
-
-
-def _steps(result: Result, tuning: Tuning) -> Iterator[str]:
-    """Yield what to do next, in order."""
-    changing = [axis for axis, found in tuning.axes.items() if found.verdict == "change"]
-    if changing:
-        forth, _ = file_names(result.log.autopilot)
-        yield f"{named(result.log.autopilot).advice.gain_loading.format(forth)}."
-        yield (
-            "Take off in calm air and hover at 3 m for 20 s with small stick inputs. Land at once if the "
-            "vehicle shakes or the motors buzz."
-        )
-        yield way_back(result.log.autopilot, tuning).sentence
-        yield "Then fly the confirming flight: plan.md beside this page says what to set and to do."
-        yield f"Take the log and run `{tune_again(result, tuning)}` on it, until it says keep."
-    yield from _steps_to_advice(result, tuning)
 
 
 def tune_again(result: Result, tuning: Tuning) -> str:
@@ -419,26 +427,6 @@ def _steps_to_advice(result: Result, tuning: Tuning) -> Iterator[str]:
     for step, axes in own.items():
         if step not in to_set:
             yield step if len(axes) == len(tuning.axes) else f"{listed(axes).capitalize()}: {step}"
-
-
-def _table(tuning: Tuning) -> Table | None:
-    """Return the margins now and next, of both loops."""
-    rows = []
-    for axis, found in tuning.axes.items():
-        for when, margins in (("now", found.now), ("next", found.next)):
-            if margins is None or (when == "next" and found.verdict != "change"):
-                continue
-            rows.append(_row(f"{axis}, {when}", "rate loop", margins.rate))
-            if margins.full is not None:
-                rows.append(_row(f"{axis}, {when}", "with angle loop", margins.full))
-    if not rows:
-        return None
-    return Table(
-        caption="Margins, as flown and as promised",
-        head=("loop", "gain [dB]", "phase [deg]", "disk", "crossover [Hz]", "would oscillate at [Hz]"),
-        rows=tuple(rows),
-        note="Small: the 95 % interval. The promise is computed from the values in the file.",
-    )
 
 
 def _row(name: str, loop: str, margins: Margins) -> tuple[Cell, ...]:

@@ -55,7 +55,20 @@ def tuning_text(
         "limits": tuning.limits._asdict(),
         "ranges": {name: list(ends) for name, ends in tuning.ranges._asdict().items()},
         "axes": {
-            axis: _axis(found, tuning.limits) | _forecasts((forecasts or {}).get(axis, ()))
+            axis: _axis(found, tuning.limits)
+            # Where the autopilot's own procedures would end, None where that is not known.
+            | dict.fromkeys(kind.value for kind in ProcedureKind)
+            | {
+                one.kind.value: {
+                    "procedure": one.title,
+                    "gains": {name: list(ends) for name, ends in one.gains.items()},
+                    "gain_margin_db": one.gain_margin_db,
+                    "phase_margin_deg": one.phase_margin_deg,
+                    "unstable_fraction": one.unstable_fraction,
+                    "ended_fraction": one.ended_fraction,
+                }
+                for one in (forecasts or {}).get(axis, ())
+            }
             for axis, found in tuning.axes.items()
         },
         "folder": folder,
@@ -82,21 +95,6 @@ def _axis(found: AxisTuning, limits: Limits) -> dict[str, Any]:
         "off_nominal": off_nominal_dict(found),
         "attitude_error_ratio": found.attitude_error,
         "torque_noise": {"now": found.torque_noise, "next": found.torque_noise_next},
-    }
-
-
-def _forecasts(found: tuple[AutotuneForecast, ...]) -> dict[str, Any]:
-    """Return by kind where the autopilot's own procedures would end, None where that is not known."""
-    return dict.fromkeys(kind.value for kind in ProcedureKind) | {
-        one.kind.value: {
-            "procedure": one.title,
-            "gains": {name: list(ends) for name, ends in one.gains.items()},
-            "gain_margin_db": one.gain_margin_db,
-            "phase_margin_deg": one.phase_margin_deg,
-            "unstable_fraction": one.unstable_fraction,
-            "ended_fraction": one.ended_fraction,
-        }
-        for one in found
     }
 
 

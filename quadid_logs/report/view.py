@@ -119,7 +119,19 @@ def view_of(result: Result, provenance: Provenance) -> View:
     """
     model = result.identification.recommended
     ranked = [
-        _finding(result, place, finding) for place, finding in enumerate(by_consequence(result), start=1)
+        FindingView(
+            place=place,
+            code=printable(finding.code, 20),
+            level=finding.level,
+            title=printable(finding.title, 200),
+            meaning=CATALOGUE[finding.code].meaning.replace("^2", "²") if finding.code in CATALOGUE else "",
+            advice=filled(printable(finding.advice, 600), result),
+            axes=", ".join(axis for axis in finding.axes if axis not in finding.title.lower()),
+            evidence=tuple(
+                (evidence_name(name), evidence_text(name, value)) for name, value in finding.evidence.items()
+            ),
+        )
+        for place, finding in enumerate(by_consequence(result), start=1)
     ]
     log = result.log
     parts = [
@@ -282,22 +294,6 @@ def by_consequence(result: Result) -> tuple[Finding, ...]:
         return _LEVELS.index(finding.level), decided, _STAGES.find(finding.code[2:3])
 
     return tuple(sorted(result.diagnosis.findings, key=rank))
-
-
-def _finding(result: Result, place: int, finding: Finding) -> FindingView:
-    """Return a finding as text."""
-    return FindingView(
-        place=place,
-        code=printable(finding.code, 20),
-        level=finding.level,
-        title=printable(finding.title, 200),
-        meaning=CATALOGUE[finding.code].meaning.replace("^2", "²") if finding.code in CATALOGUE else "",
-        advice=filled(printable(finding.advice, 600), result),
-        axes=", ".join(axis for axis in finding.axes if axis not in finding.title.lower()),
-        evidence=tuple(
-            (evidence_name(name), evidence_text(name, value)) for name, value in finding.evidence.items()
-        ),
-    )
 
 
 def _listed(settings: Mapping[str, object]) -> str:

@@ -141,6 +141,10 @@ def _summary(result: Result, row: Mapping[str, Any], lengths_s: Mapping[str, flo
 
     started = row.get("started")
     found = result.diagnosis.axes
+    number, which_log = str(result.settings.log), ""
+    if number in lengths_s:
+        which = "the longest" if lengths_s[number] == max(lengths_s.values()) else "one"
+        which_log = f"; log {number}, {which} of {len(lengths_s)} in the file"
     return {
         "vehicle": row["vehicle"],
         "craft": printable(craft_name(result.log), 80),
@@ -149,22 +153,13 @@ def _summary(result: Result, row: Mapping[str, Any], lengths_s: Mapping[str, flo
         "started_from": row["started_from"],
         "n_flights": len(result.data.flights),
         "headline": headline(result),
-        "flown": flown_sentence(result) + _which_log(result, lengths_s),
+        "flown": flown_sentence(result) + which_log,
         "log": result.settings.log,
         "lengths_s": dict(lengths_s),
         "axes": {
             axis: {"verdict": found[axis].verdict, "effect": effect_sentence(result, axis)} for axis in AXES
         },
     }
-
-
-def _which_log(result: Result, lengths_s: Mapping[str, float]) -> str:
-    """Say which log of a file with several this is."""
-    number = str(result.settings.log)
-    if number not in lengths_s:
-        return ""
-    which = "the longest" if lengths_s[number] == max(lengths_s.values()) else "one"
-    return f"; log {number}, {which} of {len(lengths_s)} in the file"
 
 
 def _compare(job: Job, tell: Tell) -> Done:

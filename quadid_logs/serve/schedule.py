@@ -280,7 +280,25 @@ class Schedule:
         folder: Path | None = None
         try:
             folder = self._store.new_work()
-            job, tell = self._job(entry, folder), self._teller(entry, running)
+
+            def tell(stage: str, summary: Mapping[str, Any] | None) -> None:
+                """Note each stage of a job, and its verdict as soon as that is known."""
+                with self._condition:
+                    running.progress.begin_stage(stage, time.monotonic())
+                    if summary is not None and not self._is_over(entry, running):
+                        self._note(replace(entry, summary=self._store.named(Done(summary=summary)).summary))
+                    self._notify()
+
+            job = Job(
+                kind=entry.kind,
+                logs=tuple(str(self._store.log(log)) for log in entry.logs),
+                names=tuple(self._name_of(log) for log in entry.logs),
+                numbers=tuple(self._number_of(log) for log in entry.logs),
+                sha256=entry.logs,
+                n_bytes=entry.n_bytes,
+                options=entry.options,
+                folder=str(folder),
+            )
             done = worker.do(job, tell, self._limits.timeout_s)
             with self._condition:
                 done = self._store.named(done)
@@ -297,18 +315,6 @@ class Schedule:
             if folder is not None:
                 shutil.rmtree(folder, ignore_errors=True)
 
-    def _job(self, entry: Entry, folder: Path) -> Job:
-        return Job(
-            kind=entry.kind,
-            logs=tuple(str(self._store.log(log)) for log in entry.logs),
-            names=tuple(self._name_of(log) for log in entry.logs),
-            numbers=tuple(self._number_of(log) for log in entry.logs),
-            sha256=entry.logs,
-            n_bytes=entry.n_bytes,
-            options=entry.options,
-            folder=str(folder),
-        )
-
     def _name_of(self, log: str) -> str:
         entry = self.get(log)
         return entry.name if entry is not None else log
@@ -316,18 +322,6 @@ class Schedule:
     def _number_of(self, log: str) -> int:
         entry = self.get(log)
         return 0 if entry is None else int(entry.options.get("log", 0))
-
-    def _teller(self, entry: Entry, running: _Running) -> Callable[[str, Mapping[str, Any] | None], None]:
-        """Return what notes each stage of a job, and its verdict as soon as that is known."""
-
-        def tell(stage: str, summary: Mapping[str, Any] | None) -> None:
-            with self._condition:
-                running.progress.begin_stage(stage, time.monotonic())
-                if summary is not None and not self._is_over(entry, running):
-                    self._note(replace(entry, summary=self._store.named(Done(summary=summary)).summary))
-                self._notify()
-
-        return tell
 
     def _is_over(self, entry: Entry, running: _Running) -> bool:
         """Return whether somebody cancelled or deleted it meanwhile, or the server ends."""

@@ -194,7 +194,17 @@ class Guard:
         access = self._access
         if not access.is_ours(headers.get("host", "")):
             return PlainTextResponse("This server does not have that name.", 421)
-        if not self._comes_from_us(method, headers):
+        # No other site may have caused it; what is unsafe must prove that.
+        if method not in _SAFE_METHODS:
+            site, origin = headers.get("sec-fetch-site", ""), headers.get("origin", "")
+            comes_from_us = site in ("", "same-origin") and self._is_own_origin(origin)
+        else:
+            # A link on another site may lead to the start; nothing else there may use what is here.
+            is_link = (
+                headers.get("sec-fetch-mode") == "navigate" and headers.get("sec-fetch-dest") == "document"
+            )
+            comes_from_us = is_link or self._may_read(headers)
+        if not comes_from_us:
             return PlainTextResponse("Only this server's own page may ask this.", 403)
         if path in _OPEN_PATHS or (
             self._may_read(headers) and access.knows_cookie(headers.get("cookie", ""))
@@ -205,15 +215,6 @@ class Guard:
 
             return start_page("", status=401)
         return PlainTextResponse("Open the address that quadid-log serve printed.", 401)
-
-    def _comes_from_us(self, method: str, headers: Headers) -> bool:
-        """Return whether no other site caused a request; what is unsafe must prove it."""
-        if method not in _SAFE_METHODS:
-            site, origin = headers.get("sec-fetch-site", ""), headers.get("origin", "")
-            return site in ("", "same-origin") and self._is_own_origin(origin)
-        # A link on another site may lead to the start; nothing else there may use what is here.
-        is_link = headers.get("sec-fetch-mode") == "navigate" and headers.get("sec-fetch-dest") == "document"
-        return is_link or self._may_read(headers)
 
     def _may_read(self, headers: Headers) -> bool:
         """Return whether our own page or a person asks: other ports of this machine have the cookie as well.

@@ -93,7 +93,24 @@ class ServeStore:
         self._lock = FolderLock(folder, address)
         try:
             with _writing(folder):
-                self._open()
+                for part in (UPLOADS, LOGS, WORK, RESULTS):
+                    make_folder(self.folder / part)
+                self._database = sqlite3.connect(
+                    self.folder / DATABASE, isolation_level=None, check_same_thread=False
+                )
+                # What is deleted is overwritten, and no journal stays beside the file.
+                self._database.execute("PRAGMA secure_delete = ON")
+                if not self._database.execute("SELECT name FROM sqlite_master").fetchall():
+                    self._database.execute(_TABLE)
+                    self._database.execute(f"PRAGMA user_version = {_FORMAT}")
+                self._database.execute(_NAMES)
+                if str(self._database.execute("PRAGMA user_version").fetchone()[0]) != _FORMAT:
+                    raise SettingsError(
+                        f"{printable(self.folder)} was made by another version.",
+                        hint="Choose another --store.",
+                    )
+                self._take_up()
+                _make_private(self.folder)
         except BaseException:
             self._lock.release()
             raise
@@ -106,31 +123,18 @@ class ServeStore:
             self._database.close()
         self._lock.release()
 
-    def _open(self) -> None:
-        for part in (UPLOADS, LOGS, WORK, RESULTS):
-            make_folder(self.folder / part)
-        self._database = sqlite3.connect(
-            self.folder / DATABASE, isolation_level=None, check_same_thread=False
-        )
-        # What is deleted is overwritten, and no journal stays beside the file.
-        self._database.execute("PRAGMA secure_delete = ON")
-        if not self._database.execute("SELECT name FROM sqlite_master").fetchall():
-            self._database.execute(_TABLE)
-            self._database.execute(f"PRAGMA user_version = {_FORMAT}")
-        self._database.execute(_NAMES)
-        if str(self._database.execute("PRAGMA user_version").fetchone()[0]) != _FORMAT:
-            raise SettingsError(
-                f"{printable(self.folder)} was made by another version.", hint="Choose another --store."
-            )
-        self._take_up()
-        _make_private(self.folder)
-
     def _take_up(self) -> None:
         """Delete what is not complete, and put back into the queue what was running."""
         entries = self.entries()
         for entry in entries.values():
             if entry.state is State.RUNNING:
-                self.put(_resumed(entry))
+                # Its server ended while it was being done.
+                if entry.n_begun < MOST_BEGUN:
+                    resumed = replace(entry, state=State.QUEUED)
+                else:
+                    reason = f"The server ended {entry.n_begun} times while this was being done."
+                    resumed = replace(entry, state=State.FAILED, error=reason)
+                self.put(resumed)
         logs = {log for entry in entries.values() for log in entry.logs}
         done = {entry.id for entry in entries.values() if entry.state is State.DONE}
         for part, kept in ((UPLOADS, set()), (WORK, set()), (LOGS, logs), (RESULTS, done)):
@@ -161,7 +165,8 @@ class ServeStore:
 
     def put(self, entry: Entry) -> None:
         """Write an entry in the place of what was known of it."""
-        values = [_encoded(getattr(entry, name)) for name in _COLUMNS]
+        fields = (getattr(entry, name) for name in _COLUMNS)
+        values = [json.dumps(one) if isinstance(one, (tuple, Mapping)) else one for one in fields]
         with self._guard, _writing(self.folder):
             self._database.execute(_UPSERT, values)
 
@@ -188,18 +193,17 @@ class ServeStore:
     def named(self, done: Done) -> Done:
         """Return a result with the name that the owner gave the vehicle, if any."""
         found = done.summary.get("vehicle")
-        name = self._name_of(found) if isinstance(found, str) else ""
+        name = ""
+        if isinstance(found, str):
+            with self._guard, _writing(self.folder):
+                row = self._database.execute("SELECT name FROM names WHERE found = ?", (found,)).fetchone()
+            name = str(row[0]) if row else ""
         if not name:
             return done
         outcome = done.outcome
         if outcome is not None:
             outcome = replace(outcome, rows=[{**row, "vehicle": name} for row in outcome.rows])
         return replace(done, summary={**done.summary, "vehicle": name}, outcome=outcome)
-
-    def _name_of(self, vehicle: str) -> str:
-        with self._guard, _writing(self.folder):
-            row = self._database.execute("SELECT name FROM names WHERE found = ?", (vehicle,)).fetchone()
-        return str(row[0]) if row else ""
 
     def rename(self, vehicle: str, name: str) -> None:
         """Call a vehicle otherwise from now on, also in its history and for the logs to come."""
@@ -251,19 +255,6 @@ class ServeStore:
 
     def _history(self) -> History:
         return History(self.history, Options(), resume=True)
-
-
-def _resumed(entry: Entry) -> Entry:
-    """Return what becomes of an entry whose server ended while it was being done."""
-    if entry.n_begun < MOST_BEGUN:
-        return replace(entry, state=State.QUEUED)
-    reason = f"The server ended {entry.n_begun} times while this was being done."
-    return replace(entry, state=State.FAILED, error=reason)
-
-
-def _encoded(value: Any) -> Any:
-    """Return a field of an entry as SQLite keeps it."""
-    return json.dumps(value) if isinstance(value, (tuple, Mapping)) else value
 
 
 def _decoded(row: Mapping[str, Any]) -> Entry:

@@ -126,7 +126,7 @@ def test_for_verdicts_the_loop_predicts_the_flight_and_tells_no_margins(
 ) -> None:
     """What contradicts the model is heard; the rest is not worked out."""
     told = object()
-    monkeypatch.setattr("quadid_logs.control.closed_loop._prediction", lambda *_: told)
+    monkeypatch.setattr("quadid_logs.control.closed_loop.predict", lambda *_: told)
     model = identified.recommended
     assert model is not None
     found = close_loop(flight(), model, controllers(), {}, low_hz=0.3, wanted="verdict").axes["roll"]
