@@ -458,15 +458,11 @@ def strangers(logs: Sequence[FlightLog]) -> dict[int, str]:
     return {place: ", ".join(found[place]) for place in sorted(found)}
 
 
-def _vehicle_type(log: FlightLog) -> str:
-    return "" if log.vehicle_type == "unknown" else log.vehicle_type
-
-
 #: What tells vehicles from each other. The firmware does not: it is updated.
 _IDENTITY: tuple[tuple[str, Callable[[FlightLog], str]], ...] = (
     ("autopilot", lambda log: log.autopilot),
     ("hardware id", lambda log: log.hardware_id),
     ("name", lambda log: "" if log.systems else log.vehicle_name),
-    ("type", _vehicle_type),
+    ("type", lambda log: "" if log.vehicle_type == "unknown" else log.vehicle_type),
     ("frame", lambda log: log.frame),
 )

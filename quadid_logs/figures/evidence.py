@@ -196,14 +196,12 @@ def most_excited_seconds(fit: FitSeries, column: int) -> BoolArray | None:
         At most the first `_CLOSE_LOOK_S` of the held-out segment whose
         acceleration has the largest standard deviation; None without any.
     """
-    segments = [_first_seconds(fit, *span) for span in spans(fit.time_s, fit.held_out)]
+    # At most as many seconds as an eye can follow.
+    ends_s = (
+        (start_s, min(end_s, start_s + _CLOSE_LOOK_S)) for start_s, end_s in spans(fit.time_s, fit.held_out)
+    )
+    segments = [(fit.time_s >= start_s) & (fit.time_s <= end_s) for start_s, end_s in ends_s]
     segments = [chosen for chosen in segments if np.count_nonzero(chosen) > 1]
     if not segments:
         return None
     return max(segments, key=lambda part: float(np.std(np.nan_to_num(fit.acceleration[part, column]))))
-
-
-def _first_seconds(fit: FitSeries, start_s: float, end_s: float) -> BoolArray:
-    """Return the samples of a segment, at most as many seconds as an eye can follow."""
-    end_s = min(end_s, start_s + _CLOSE_LOOK_S)
-    return np.asarray((fit.time_s >= start_s) & (fit.time_s <= end_s))

@@ -14,9 +14,8 @@ from urllib.parse import quote
 from quadid_logs.commands import command, named
 from quadid_logs.counting import counted
 from quadid_logs.data.tuning import GOOD
-from quadid_logs.fleets.changes import MIN_RUN, ChangePoint, OpenChange, OutlierTest, Shift
+from quadid_logs.fleets.changes import MIN_RUN, ChangePoint, OpenChange, Shift
 from quadid_logs.fleets.coverage import coverage_words
-from quadid_logs.fleets.disagreement import Scatter
 from quadid_logs.fleets.history import Fleet, Flight, VehicleHistory
 from quadid_logs.fleets.sparklines import HEIGHT, WIDTH, Sparkline, sparkline
 from quadid_logs.fleets.store import REPORTS
@@ -342,21 +341,19 @@ def _open_story(found: OpenChange, history: VehicleHistory) -> _Story:
 
 def _scatter_story(history: VehicleHistory) -> _Story:
     """Say that the flights are not those of one vehicle, and what to do."""
-    found = sorted(history.scatter, key=lambda one: one.p_value)
+    found, items = sorted(history.scatter, key=lambda one: one.p_value), []
+    for one in found:
+        # How far the flights lie apart, and how likely that is by chance.
+        name, unit, factor = _spoken(one.name, one.axis, history.input_unit)
+        low, high = (number(factor * value, 3) for value in (one.lowest, one.highest))
+        flights = f"flights {one.first + 1} to {one.last + 1}"
+        items.append(f"{name}: {low} to {high} {unit} in {flights} ({p_words(one.p_value)})")
     return _Story(
         head="flights are not one vehicle: they scatter far beyond their intervals",
-        items=tuple(_scatter_words(one, history.input_unit) for one in found),
+        items=tuple(items),
         cause="Two vehicles have one name, or the vehicle was rebuilt in between. Give each its own name.",
         drawing=_drawing(history, found[0].name, found[0].axis),
     )
-
-
-def _scatter_words(one: Scatter, unit: str) -> str:
-    """Say how far the flights lie apart, and how likely that is by chance."""
-    name, unit, factor = _spoken(one.name, one.axis, unit)
-    low, high = (number(factor * value, 3) for value in (one.lowest, one.highest))
-    flights = f"flights {one.first + 1} to {one.last + 1}"
-    return f"{name}: {low} to {high} {unit} in {flights} ({p_words(one.p_value)})"
 
 
 def _decided_by(found: OpenChange) -> str:
@@ -384,23 +381,20 @@ def _shift_words(shift: Shift, unit: str) -> str:
 
 def _outlier_story(history: VehicleHistory) -> _Story:
     """Say in what the vehicle differs from those of its model."""
-    found = sorted(history.outliers, key=lambda one: -abs(one.value - one.typical) / one.margin)
+    found, items = sorted(history.outliers, key=lambda one: -abs(one.value - one.typical) / one.margin), []
+    for one in found:
+        name, unit, factor = _spoken(one.name, one.axis, history.input_unit)
+        value, typical, margin = (
+            _rounded(factor * v, factor * one.typical, factor * one.margin)
+            for v in (one.value, one.typical, one.margin)
+        )
+        items.append(f"{name}: {value} {unit}, the others have {typical} ± {margin}")
     return _Story(
         head=f"is an outlier among {printable(history.model, 80)}",
-        items=tuple(_outlier_words(one, history.input_unit) for one in found),
+        items=tuple(items),
         cause=_cause(one.name for one in found),
         drawing=_drawing(history, found[0].name, found[0].axis),
     )
-
-
-def _outlier_words(one: OutlierTest, unit: str) -> str:
-    """Say what it is and what is typical of the others."""
-    name, unit, factor = _spoken(one.name, one.axis, unit)
-    value, typical, margin = (
-        _rounded(factor * v, factor * one.typical, factor * one.margin)
-        for v in (one.value, one.typical, one.margin)
-    )
-    return f"{name}: {value} {unit}, the others have {typical} ± {margin}"
 
 
 def _rounded(value: float, centre: float, margin: float) -> str:

@@ -145,16 +145,13 @@ def motor_names(torque: TorqueModel | None, n_motors: int) -> tuple[str, ...]:
     """
     if torque is None or torque.n_rotors != n_motors or torque.position.shape[0] != n_motors:
         return tuple(f"motor {n + 1}" for n in range(n_motors))
-    reach = float(np.abs(torque.position[:, :2]).max()) or 1.0
-    return tuple(f"motor {n + 1} ({_place(place / reach)})" for n, place in enumerate(torque.position))
-
-
-def _place(position: FloatArray) -> str:
-    """Return "front right" and the like; FRD, the longest arm 1."""
-    x, y = float(position[0]), float(position[1])
-    along = "" if abs(x) < _ON_AXIS else ("front" if x > 0.0 else "back")
-    across = "" if abs(y) < _ON_AXIS else ("right" if y > 0.0 else "left")
-    return " ".join(filter(None, (along, across))) or "middle"
+    # FRD, the longest arm 1.
+    reach, names = float(np.abs(torque.position[:, :2]).max()) or 1.0, []
+    for n, (x, y, _) in enumerate((torque.position / reach).tolist()):
+        along = "" if abs(x) < _ON_AXIS else ("front" if x > 0.0 else "back")
+        across = "" if abs(y) < _ON_AXIS else ("right" if y > 0.0 else "left")
+        names.append(f"motor {n + 1} ({' '.join(filter(None, (along, across))) or 'middle'})")
+    return tuple(names)
 
 
 def _against_yaw(torque: TorqueModel | None, as_sent: FloatArray, *, pulses: bool) -> str:

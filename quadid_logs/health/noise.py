@@ -288,7 +288,14 @@ def _sourced(line: Line, all_hz: Sequence[float], flown: _Flown, oscillations_hz
             line.frequency_hz, peaks[strong], spectra.frequency_hz[near], flown.speeds[strong]
         )
         return replace(line, source=LineSource.ROTOR, harmonic=harmonic) if harmonic else line
-    return replace(line, source=_by_throttle(line, peaks, flown.throttle))
+    # By rank correlation whether it rises with the throttle, as a rotor's does.
+    throttle, source = flown.throttle, LineSource.UNKNOWN
+    if throttle is not None and line.frequency_hz >= COMMANDED_HZ:
+        there = np.isfinite(throttle) & (throttle > 0.0)
+        moves = np.count_nonzero(there) >= 12 and np.ptp(throttle[there]) > 0.0 and np.ptp(peaks[there]) > 0.0
+        if moves and _rising_by_chance(throttle[there], peaks[there]) < FALSE_ALARM:
+            source = LineSource.FOLLOWS_THROTTLE
+    return replace(line, source=source)
 
 
 def _harmonic(line_hz: float, peaks: FloatArray, near_hz: FloatArray, speeds: FloatArray) -> int:
@@ -317,17 +324,6 @@ def _harmonic(line_hz: float, peaks: FloatArray, near_hz: FloatArray, speeds: Fl
         if n_hits > 0.5 * hits.size and chance < least:
             least, found = chance, harmonic
     return found
-
-
-def _by_throttle(line: Line, peaks: FloatArray, throttle: FloatArray | None) -> LineSource:
-    """Tell by rank correlation whether a line rises with the throttle, as a rotor's does."""
-    if throttle is None or line.frequency_hz < COMMANDED_HZ:
-        return LineSource.UNKNOWN
-    flown = np.isfinite(throttle) & (throttle > 0.0)
-    if np.count_nonzero(flown) < 12 or not np.ptp(throttle[flown]) > 0.0 or not np.ptp(peaks[flown]) > 0.0:
-        return LineSource.UNKNOWN
-    chance = _rising_by_chance(throttle[flown], peaks[flown])
-    return LineSource.FOLLOWS_THROTTLE if chance < FALSE_ALARM else LineSource.UNKNOWN
 
 
 def _rising_by_chance(x: FloatArray, y: FloatArray) -> float:

@@ -78,7 +78,9 @@ def orthogonal(bands: tuple[tuple[float, float], ...], n_lines: int, seed: int =
         order = np.arange(harmonics.size)
         starts = [-np.pi * order * (order + 1.0) / harmonics.size]
         starts += [rng.uniform(0.0, 2.0 * np.pi, harmonics.size) for _ in range(_STARTS)]
-        found.append(min((Multisine(harmonics, _flattened(each)) for each in starts), key=_crest))
+        found.append(
+            min((Multisine(harmonics, _flattened(each)) for each in starts), key=lambda one: one.crest)
+        )
     return tuple(found)
 
 
@@ -137,7 +139,3 @@ def low_peak_phases(harmonics: FloatArray | IntArray, rng: np.random.Generator) 
         limit = _CLIPPED * np.abs(wave).max()
         phases = np.angle(1j * np.fft.rfft(np.clip(wave, -limit, limit))[index])
     return np.asarray(phases, dtype=np.float64)
-
-
-def _crest(one: Multisine) -> float:
-    return one.crest

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import PurePath
 from typing import Any, Final
 
@@ -67,45 +66,38 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
     if shared := _quantity_lines(comparison, ""):
         changed = any(each.changed for each in comparison.quantities if not each.axis)
         lines += [f"  actuators  {'changed' if changed else 'same'}", *shared]
-    lines += _parameter_lines(comparison)
+    if differing := comparison.parameters:
+        lines.append(f"  parameters  {len(differing)} differ")
+        lines += [
+            f"{'':9}{printable(one.name, 40)} {exact(one.before)} -> {exact(one.after)}"
+            for one in differing[:_MOST_PARAMETERS]
+        ]
+        if more := len(differing[_MOST_PARAMETERS:]):
+            lines.append(f"{'':9}and {more} more, which --json and the page list")
     lines += [f"  {sentence}" for sentence in promise_sentences(before, after)]
     return (*lines, *(f"  next: {printable(text, 800)}" for text in comparison.advice))
 
 
-def _parameter_lines(comparison: Comparison) -> Iterator[str]:
-    """Yield which parameters of the autopilot differ, the first ones by name."""
-    differing = comparison.parameters
-    if not differing:
-        return
-    yield f"  parameters  {len(differing)} differ"
-    for one in differing[:_MOST_PARAMETERS]:
-        yield f"{'':9}{printable(one.name, 40)} {exact(one.before)} -> {exact(one.after)}"
-    if more := len(differing[_MOST_PARAMETERS:]):
-        yield f"{'':9}and {more} more, which --json and the page list"
-
-
 def _quantity_lines(comparison: Comparison, axis: str) -> list[str]:
     """Return a line for each quantity of an axis: the on-axis one, and the others if they changed."""
-    return [
-        f"{'':9}{_sentence(quantity)}"
-        for quantity in comparison.quantities
-        if quantity.axis == axis and (quantity.changed or not axis or quantity.is_on_axis)
-    ]
+    lines = []
+    for quantity in comparison.quantities:
+        if quantity.axis != axis or not (quantity.changed or not axis or quantity.is_on_axis):
+            continue
+        # Both values, and by how much they differ or could differ unseen.
+        pairs = ((quantity.before, quantity.ci95_before), (quantity.after, quantity.ci95_after))
+        values = " -> ".join(estimate(value, *interval) for value, interval in pairs)
+        note = throttle_note(quantity)
+        told = f"no change detected (smallest detectable: {amount(quantity, quantity.margin)}{note})"
+        if quantity.changed:
+            told = f"changed by {change_words(quantity)}{note}"
+        words = f"{printable(quantity.words, 60)} {values} {pretty_unit(quantity.unit)}"
+        lines.append(f"{'':9}{words}: {told}")
+    return lines
 
 
 def _loop(result: Result, axis: str) -> AxisLoop | None:
     return None if result.closed_loop is None else result.closed_loop.axes.get(axis)
-
-
-def _sentence(quantity: Quantity) -> str:
-    """Say both values, and by how much they differ or could differ unseen."""
-    pairs = ((quantity.before, quantity.ci95_before), (quantity.after, quantity.ci95_after))
-    values = " -> ".join(estimate(value, *interval) for value, interval in pairs)
-    text = f"{printable(quantity.words, 60)} {values} {pretty_unit(quantity.unit)}"
-    if quantity.changed:
-        return f"{text}: changed by {change_words(quantity)}{throttle_note(quantity)}"
-    shows = amount(quantity, quantity.margin)
-    return f"{text}: no change detected (smallest detectable: {shows}{throttle_note(quantity)})"
 
 
 def throttle_note(quantity: Quantity) -> str:

@@ -109,7 +109,8 @@ def _axis(comparison: Comparison, axis: str) -> AxisChangeView:
         sentence = f"Changed: {sentence}."
     else:
         own = [each for each in comparison.quantities if each.axis == axis and each.is_on_axis]
-        seen = "".join(f" {_would_show(each)}" for each in own)
+        shows = (f"{amount(each, each.margin)}{throttle_note(each)}" for each in own)
+        seen = "".join(f" Smallest detectable change of effectiveness: {one}." for one in shows)
         sentence = f"No change detected.{seen}"
     return AxisChangeView(axis=axis, change=change, style=_STYLES[change], sentence=sentence)
 
@@ -126,11 +127,6 @@ def _actuators(comparison: Comparison) -> Iterator[AxisChangeView]:
     if changed:
         sentence = f"Changed: {'; '.join(changed)}."
     yield AxisChangeView(axis="actuators", change=change, style=_STYLES[change], sentence=sentence)
-
-
-def _would_show(own: Quantity) -> str:
-    """Say from where on a change of the effectiveness would have been detected."""
-    return f"Smallest detectable change of effectiveness: {amount(own, own.margin)}{throttle_note(own)}."
 
 
 def _row(quantity: Quantity) -> tuple[Cell, ...]:

@@ -7,7 +7,7 @@ from typing import Final
 
 from quadid_logs.control.filters import filter_costs, lines_of, rate_crossover
 from quadid_logs.data.controller import FilterPlace
-from quadid_logs.data.health import Line, LineSource
+from quadid_logs.data.health import LineSource
 from quadid_logs.data.result import Result
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.numbers import interval, number, resolved
@@ -53,7 +53,11 @@ def filter_tables(result: Result) -> tuple[Table, ...]:
                         "A notch that follows the rotors is taken to stay on their line; at any other "
                         "line, its mean power counts."
                     )
-            rows = []
+            heads, rows = [], []
+            for line in lines:
+                of_rotor = line.source is LineSource.ROTOR and line.harmonic
+                rotor = f", {line.harmonic} x rotor" if of_rotor else ""
+                heads.append(f"line at {number(line.frequency_hz, 3)} Hz{rotor} [dB]")
             for cost in costs:
                 phase = cost.phase_deg
                 lost = (
@@ -71,19 +75,9 @@ def filter_tables(result: Result) -> tuple[Table, ...]:
             tables.append(
                 Table(
                     caption=f"Filters, {axis}",
-                    head=(
-                        "filter",
-                        "acts on",
-                        f"phase lost{at} [deg]",
-                        *(f"{_line_words(line)} [dB]" for line in lines),
-                    ),
+                    head=("filter", "acts on", f"phase lost{at} [deg]", *heads),
                     rows=tuple(rows),
                     note=" ".join(parts),
                 )
             )
     return tuple(tables)
-
-
-def _line_words(line: Line) -> str:
-    rotor = f", {line.harmonic} x rotor" if line.source is LineSource.ROTOR and line.harmonic else ""
-    return f"line at {number(line.frequency_hz, 3)} Hz{rotor}"

@@ -41,7 +41,15 @@ def comparison_rows(inertia: Inertia, vehicle: Vehicle | None) -> list[tuple[str
         rows.append(
             ("given with --vehicle", rows[0][1], ("; ".join(texts) or "not comparable"), _moments(given))
         )
-    for item in sorted(PUBLISHED, key=lambda item: _distance(identified, item)):
+    # How far apart two vehicles are, over the moments that are known.
+    sure = np.isfinite(identified) & (identified > 0.0)
+
+    def distance(item: PublishedVehicle) -> float:
+        if not sure.any():
+            return 0.0
+        return float(np.abs(np.mean(np.log(identified[sure] / np.array(item.inertia_kg_m2)[sure]))))
+
+    for item in sorted(PUBLISHED, key=distance):
         moments = np.array(item.inertia_kg_m2)
         rows.append((item.name, number(item.mass_kg, 3), item.source, _moments(moments)))
     return rows
@@ -49,11 +57,3 @@ def comparison_rows(inertia: Inertia, vehicle: Vehicle | None) -> list[tuple[str
 
 def _moments(values: FloatArray) -> list[str]:
     return [number(float(value), 3) for value in values]
-
-
-def _distance(identified: FloatArray, item: PublishedVehicle) -> float:
-    """Return how far apart two vehicles are, over the moments that are known."""
-    known = np.isfinite(identified) & (identified > 0.0)
-    if not known.any():
-        return 0.0
-    return float(np.abs(np.mean(np.log(identified[known] / np.array(item.inertia_kg_m2)[known]))))

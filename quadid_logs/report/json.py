@@ -12,7 +12,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.filters import lines_of
-from quadid_logs.data.diagnosis import Diagnosis, Finding
+from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import (
@@ -93,7 +93,10 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
         "pooled": [fields_of(each) for each in result.pooled],
         "data": data_dict(result.data),
         "models": [_model(model, result.data.input) for model in result.identification.models],
-        "axes": {name: _verdict(result.diagnosis, name) for name in result.diagnosis.axes},
+        "axes": {
+            name: {"verdict": one.verdict, "reasons": one.reasons, "sentence": one.sentence}
+            for name, one in result.diagnosis.axes.items()
+        },
         "findings": [finding_dict(finding) for finding in result.diagnosis.findings],
         "closed_loop": None
         if result.closed_loop is None
@@ -423,9 +426,3 @@ def _band(check: BandCheck) -> dict[str, Any]:
 def finding_dict(finding: Finding) -> dict[str, Any]:
     """Return an entry of ``findings``."""
     return fields_of(finding)
-
-
-def _verdict(diagnosis: Diagnosis, axis: str) -> dict[str, Any]:
-    """Return an entry of ``axes``."""
-    verdict = diagnosis.axes[axis]
-    return {"verdict": verdict.verdict, "reasons": verdict.reasons, "sentence": verdict.sentence}

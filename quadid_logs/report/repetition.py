@@ -34,7 +34,10 @@ def headline(found: Repeatability) -> str:
     """Return the outcome in words, without a full stop."""
     flights = counted(len(found.flights), "flight")
     if found.strangers:
-        return f"these are not flights of one vehicle: {'; '.join(_stranger_sentences(found))}"
+        strangers = (
+            f"{name_of(found, flight)} has {printable(why, 200)}" for flight, why in found.strangers.items()
+        )
+        return f"these are not flights of one vehicle: {'; '.join(strangers)}"
     outliers = []
     for each in found.quantities:
         if each.outliers:
@@ -151,11 +154,6 @@ def mark(quantity: RepeatedQuantity, each: FlightEstimate) -> str:
     if each.held is False:
         return f", predicted {plus_minus(each.predicted, each.predicted_half_width)}"
     return ""
-
-
-def _stranger_sentences(found: Repeatability) -> Iterator[str]:
-    for flight, why in found.strangers.items():
-        yield f"{name_of(found, flight)} has {printable(why, 200)}"
 
 
 def _differ_sentence(found: Repeatability, quantity: RepeatedQuantity) -> str:

@@ -21,21 +21,21 @@ def what_if_parts(grids: Mapping[str, WhatIf]) -> dict[str, Any]:
     """
     if not grids:
         return {"axes": (), "grids": "", "script": "", "script_hash": ""}
+    made = {}
+    for axis, grid in grids.items():
+        end_s = float(grid.time_s[-1])
+        made[axis] = {
+            "names": list(grid.values),
+            "values": [[number(one) for one in each] for each in grid.values.values()],
+            "end": f"{number(end_s, 2)} s",
+            "loops": [None if one is None else _loop(one, end_s) for one in grid.loops],
+        }
     script = resources.files("quadid_logs.report").joinpath("templates/tune.js").read_text("utf-8")
     return {
         "axes": tuple(grids),
-        "grids": script_json({axis: _grid(one) for axis, one in grids.items()}),
+        "grids": script_json(made),
         "script": script,
         "script_hash": csp_hash(script),
-    }
-
-
-def _grid(grid: WhatIf) -> dict[str, Any]:
-    return {
-        "names": list(grid.values),
-        "values": [[number(one) for one in each] for each in grid.values.values()],
-        "end": f"{number(float(grid.time_s[-1]), 2)} s",
-        "loops": [None if one is None else _loop(one, float(grid.time_s[-1])) for one in grid.loops],
     }
 
 

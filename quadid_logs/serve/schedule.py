@@ -289,11 +289,14 @@ class Schedule:
                         self._note(replace(entry, summary=self._store.named(Done(summary=summary)).summary))
                     self._notify()
 
+            known = [self.get(log) for log in entry.logs]
             job = Job(
                 kind=entry.kind,
                 logs=tuple(str(self._store.log(log)) for log in entry.logs),
-                names=tuple(self._name_of(log) for log in entry.logs),
-                numbers=tuple(self._number_of(log) for log in entry.logs),
+                names=tuple(
+                    log if one is None else one.name for log, one in zip(entry.logs, known, strict=True)
+                ),
+                numbers=tuple(0 if one is None else int(one.options.get("log", 0)) for one in known),
                 sha256=entry.logs,
                 n_bytes=entry.n_bytes,
                 options=entry.options,
@@ -314,14 +317,6 @@ class Schedule:
         finally:
             if folder is not None:
                 shutil.rmtree(folder, ignore_errors=True)
-
-    def _name_of(self, log: str) -> str:
-        entry = self.get(log)
-        return entry.name if entry is not None else log
-
-    def _number_of(self, log: str) -> int:
-        entry = self.get(log)
-        return 0 if entry is None else int(entry.options.get("log", 0))
 
     def _is_over(self, entry: Entry, running: _Running) -> bool:
         """Return whether somebody cancelled or deleted it meanwhile, or the server ends."""
