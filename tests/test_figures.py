@@ -17,6 +17,7 @@ from hypothesis.extra import numpy as hnp
 
 from quadid_logs import figures
 from quadid_logs.data.flight import Segment
+from quadid_logs.data.health import Health
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, ModeChange, Notch
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings, in_band
@@ -24,6 +25,7 @@ from quadid_logs.figures import FIGURE_KEYS, REGISTERED
 from quadid_logs.figures.bode import frequency_response, model_response
 from quadid_logs.figures.closed_loop import loop_figures
 from quadid_logs.figures.end_labels import labelled, names_at_ends
+from quadid_logs.figures.health import health_figures
 from quadid_logs.figures.interactive import interactive
 from quadid_logs.figures.palette import DARK, LIGHT
 from quadid_logs.figures.png import draw, write_png
@@ -31,6 +33,11 @@ from quadid_logs.figures.spec import Figure, Panel
 from quadid_logs.figures.thinning import break_at_gaps, thin_line, thin_points
 from quadid_logs.figures.ticks import log_ticks
 from quadid_logs.figures.time_series import flight_overview
+from quadid_logs.health.battery import find_battery
+from quadid_logs.health.motors import find_motors
+from quadid_logs.health.noise import find_noise
+from quadid_logs.health.vibration import find_vibration
+from tests.health.flights import series
 from tests.marks import thorough, thorough_but
 from tests.synthetic_results import hostile_result, refused_result, usable_result
 
@@ -167,6 +174,47 @@ def test_a_pause_in_the_log_is_left_blank() -> None:
     broken_s, values = break_at_gaps(time_s, np.ones((20, 3)))
     assert broken_s.shape == (21,)
     assert np.flatnonzero(np.isnan(values[:, 0])).tolist() == [10]
+
+
+def paused(times: np.ndarray) -> Health:
+    """Return what two flights show, ten minutes apart."""
+    rng, intervals = np.random.default_rng(0), ((10.0, 70.0), (670.0, 730.0))
+    spread = np.linspace(0.2, 0.6, times.size)[:, None] + 0.01 * rng.standard_normal((times.size, 4))
+    level = 3.0 + rng.random((times.size, 1))
+    volts = 16.0 - 0.001 * times[:, None] + 0.05 * rng.standard_normal((times.size, 1))
+    noise = find_noise(
+        [series("body_rate", times, rng.standard_normal((times.size, 3)))], None, None, None, intervals, {}
+    )
+    return Health(
+        noise=noise,
+        motors=find_motors(series("motor_thrust", times, spread), None, intervals),
+        vibration=find_vibration(
+            {"vibration_level": series("vibration_level", times, level)}, (), intervals, {}
+        ),
+        battery=find_battery(series("battery_voltage", times, volts), None, intervals),
+    )
+
+
+@pytest.mark.parametrize("key", ["motors", "vibration", "battery", "spectrogram"])
+def test_between_two_flights_nothing_is_drawn(key: str, usable: Result) -> None:
+    """Lines crossed ten minutes on the ground, and the spectrum of a window filled half of them."""
+    times = np.concatenate([np.arange(10.0, 70.0, 0.02), np.arange(670.0, 730.0, 0.02)])
+    drawn = {one.key: one for one in health_figures(replace(usable, health=paused(times)))}[key]
+    assert isinstance(drawn, Figure)
+    panel = next(one for one in drawn.panels if one.x.unit == "s")
+    lines = [(curve.x, curve.y[None, :]) for curve in panel.curves]
+    lines += [] if panel.heat is None else [(panel.heat.x, panel.heat.z)]
+    assert lines
+    for x, values in lines:
+        known = np.isfinite(values).any(axis=0)
+        # Every line and cell ends where its flight does.
+        across = [
+            (first, last)
+            for first, last, both in zip(x[:-1], x[1:], known[:-1] & known[1:], strict=True)
+            if both and first < 370.0 < last
+        ]
+        assert across == []
+        assert not known[(x > 75.0) & (x < 665.0)].any()
 
 
 @given(

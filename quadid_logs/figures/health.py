@@ -12,7 +12,7 @@ from quadid_logs.data.health import AxisSteps, Course, GyroSpectrum, Health, Lin
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, Heat, LeftOut, Level, Mark, Panel, Ribbon
-from quadid_logs.figures.thinning import BUCKETS, CARRIED, break_at_gaps, thin_line
+from quadid_logs.figures.thinning import BUCKETS, CARRIED, PAUSE_PERIODS, break_at_gaps, thin_line
 from quadid_logs.figures.time_series import TIME
 from quadid_logs.maths.band import gyro_response
 from quadid_logs.numerals import number
@@ -309,8 +309,9 @@ def _maps(health: Health, known: GyroFilter) -> Figure | None:
     speed: tuple[Curve, ...] = ()
     if noise.rotor_hz.size == time_s.size:
         shown = np.where(noise.rotor_hz <= noise.over_time.frequency_hz[-1], noise.rotor_hz, np.nan)
-        speed = (Curve(label="rotors' mean speed", x=time_s, y=shown, role="saturated"),)
-    panels = [_map_panel("Over time", TIME, noise.over_time, speed, notches)]
+        x, y = break_at_gaps(time_s, shown[:, np.newaxis])
+        speed = (Curve(label="rotors' mean speed", x=x, y=y[:, 0], role="saturated"),)
+    panels = [_map_panel("Over time", TIME, _with_pauses(noise.over_time), speed, notches)]
     if noise.over_throttle is not None:
         percent = Axis(label="throttle", unit="%")
         scaled = Map(
@@ -326,6 +327,19 @@ def _maps(health: Health, known: GyroFilter) -> Figure | None:
         "what stays where it is belongs to the frame, to electronics or to the control loop.",
         panels=tuple(panels),
         columns=len(panels),
+    )
+
+
+def _with_pauses(shown: Map) -> Map:
+    """Return a map over time that is empty between flights: a cell would reach halfway to the next one."""
+    step_s = np.diff(shown.x)
+    period_s = float(np.median(step_s))
+    after = np.flatnonzero(step_s > PAUSE_PERIODS * period_s) + 1
+    ends_s = np.column_stack([shown.x[after - 1] + period_s, shown.x[after] - period_s]).ravel()
+    return Map(
+        x=np.insert(shown.x, np.repeat(after, 2), ends_s),
+        frequency_hz=shown.frequency_hz,
+        level_db=np.insert(shown.level_db, np.repeat(after, 2), np.nan, axis=1),
     )
 
 
@@ -350,6 +364,7 @@ def _motors(health: Health) -> Figure | None:
         return None
     scale, unit = (100.0, "% of range") if motors.unit == "1" else (1.0, "us")
     numbers = np.arange(1.0, len(motors.names) + 1.0)
+    time_s, output = break_at_gaps(motors.time_s, scale * motors.output)
     ends = (0.0, 100.0) if motors.unit == "1" else (None, None)
     mean = Curve(
         label="mean, and where it is in 90 % of the flight",
@@ -385,8 +400,8 @@ def _motors(health: Health) -> Figure | None:
                 curves=tuple(
                     Curve(
                         label=name,
-                        x=motors.time_s,
-                        y=scale * motors.output[:, number],
+                        x=time_s,
+                        y=output[:, number],
                         role=_ROLES[number % len(_ROLES)],
                         mark="dashed" if number >= len(_ROLES) else "line",
                     )
@@ -435,6 +450,7 @@ def _vibration(health: Health) -> Figure | None:
         return None
     words = ("normal below", "nearly always trouble above")
     highest = float(np.nanmax(vibration.values))
+    time_s, values = break_at_gaps(vibration.time_s, vibration.values)
     return Figure(
         key=_KEYS["vibration"],
         title=_TITLES["vibration"],
@@ -447,8 +463,8 @@ def _vibration(health: Health) -> Figure | None:
                 curves=tuple(
                     Curve(
                         label=name or "vibration",
-                        x=vibration.time_s,
-                        y=vibration.values[:, number],
+                        x=time_s,
+                        y=values[:, number],
                         role=_ROLES[number],
                     )
                     for number, name in enumerate(vibration.columns)
@@ -470,6 +486,7 @@ def _battery(health: Health) -> Figure | None:
     if battery is None:
         return None
     normal = battery.lowest_v.normal
+    time_s, voltage = break_at_gaps(battery.time_s, battery.voltage[:, np.newaxis])
     return Figure(
         key=_KEYS["battery"],
         title=_TITLES["battery"],
@@ -479,7 +496,7 @@ def _battery(health: Health) -> Figure | None:
                 title="Voltage",
                 x=TIME,
                 y=Axis(label="voltage", unit="V"),
-                curves=(Curve(label="voltage", x=battery.time_s, y=battery.voltage, role="series-1"),),
+                curves=(Curve(label="voltage", x=time_s, y=voltage[:, 0], role="series-1"),),
                 levels=()
                 if normal is None
                 else (Level(value=normal[0], role="saturated", label="3.5 V for each cell"),),

@@ -10,6 +10,8 @@ from quadid_logs.arrays import FloatArray, IntArray
 BUCKETS = 2000
 #: Of series over time, a page carries more: what is drawn of them grows finer with the zoom.
 CARRIED = 5 * BUCKETS // 2
+#: A longer pause than so many periods is one.
+PAUSE_PERIODS = 3.0
 
 
 def thin_line(x: FloatArray, y: FloatArray, buckets: int = BUCKETS) -> tuple[FloatArray, FloatArray]:
@@ -80,7 +82,7 @@ def _cell(values: FloatArray, n_cells: int) -> IntArray:
 
 
 def break_at_gaps(
-    time_s: FloatArray, values: FloatArray, *, periods: float = 3.0
+    time_s: FloatArray, values: FloatArray, *, periods: float = PAUSE_PERIODS
 ) -> tuple[FloatArray, FloatArray]:
     """Put a NaN row into every pause of more than `periods` median periods.
 
