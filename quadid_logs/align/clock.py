@@ -198,20 +198,18 @@ def is_outlier(time_s: FloatArray, tolerance_s: float) -> BoolArray:
         return ~finite
     bad = ~finite
     known = time_s if finite.all() else time_s[finite]
-    bad[finite] = np.concatenate(
-        [_far_from_neighbours(known, first, tolerance_s) for first in range(0, known.size, _STAMPS)]
-    )
+    found = []
+    for first in range(0, known.size, _STAMPS):
+        after = min(first + _STAMPS, known.size)
+        near = known[np.clip(np.arange(first - _NEIGHBOURS, after + _NEIGHBOURS), 0, known.size - 1)]
+        far = np.zeros(after - first, bool)
+        # Almost always all are near, and a median takes long.
+        if np.ptp(near) > tolerance_s:
+            around = np.lib.stride_tricks.sliding_window_view(near, 2 * _NEIGHBOURS + 1)
+            far = np.abs(known[first:after] - np.median(around, axis=1)) > tolerance_s
+        found.append(far)
+    bad[finite] = np.concatenate(found)
     return bad
-
-
-def _far_from_neighbours(time_s: FloatArray, first: int, tolerance_s: float) -> BoolArray:
-    """Mark what is far from the median of its neighbours, of the `_STAMPS` finite stamps from `first` on."""
-    after = min(first + _STAMPS, time_s.size)
-    near = time_s[np.clip(np.arange(first - _NEIGHBOURS, after + _NEIGHBOURS), 0, time_s.size - 1)]
-    if np.ptp(near) <= tolerance_s:
-        return np.zeros(after - first, bool)  # almost always, and a median takes long
-    around = np.lib.stride_tricks.sliding_window_view(near, 2 * _NEIGHBOURS + 1)
-    return np.asarray(np.abs(time_s[first:after] - np.median(around, axis=1)) > tolerance_s, dtype=np.bool_)
 
 
 def _breaks(time_s: FloatArray) -> IntArray:

@@ -122,7 +122,15 @@ def read_header(file: FileParts, start: int, stop: int, accept: Accept | None = 
     if texts.get("Data version", "2").strip() != "2":
         raise _unreadable(file, f"its data version is {texts['Data version'][:20]!r}, and only 2 is known")
     layouts = _layouts(file, texts)
-    return Header(start, start + at, stop, texts, layouts, _sampling(file, texts))
+    # The intervals of I and P frames, written as "4" or "1/4".
+    whole = re.match(r"\s*(\d{1,5})\b", texts.get("I interval", "32"))
+    between = re.match(r"\s*(\d{1,5})(?:/(\d{1,5}))?\b", texts.get("P interval", "1/1"))
+    if not whole or not between or not 1 <= int(whole[1]) <= _LONGEST_INTERVAL:
+        raise _unreadable(file, "it does not say how often it has a complete frame")
+    kept, of = (int(between[1]), int(between[2])) if between[2] else (1, int(between[1]))
+    # A P interval of 0 in the header means complete frames only.
+    sampling = Sampling(int(whole[1]), min(max(kept, 1), max(of, 1)), of or int(whole[1]))
+    return Header(start, start + at, stop, texts, layouts, sampling)
 
 
 def _unreadable(file: FileParts, why: str) -> UnknownFormatError:
@@ -163,14 +171,3 @@ def _layout(file: FileParts, letter: str, rows: dict[tuple[str, str], list[str]]
     if not (_ENCODINGS.issuperset(encoding) and _PREDICTORS.issuperset(predictor)):
         raise _unreadable(file, f"its {letter} frames use an encoding or predictor that is not known")
     return Layout(tuple(names), tuple(map(bool, signed)), tuple(predictor), tuple(encoding))
-
-
-def _sampling(file: FileParts, texts: dict[str, str]) -> Sampling:
-    """Return I interval and P interval, written as "4" or "1/4"."""
-    complete = re.match(r"\s*(\d{1,5})\b", texts.get("I interval", "32"))
-    between = re.match(r"\s*(\d{1,5})(?:/(\d{1,5}))?\b", texts.get("P interval", "1/1"))
-    if not complete or not between or not 1 <= int(complete[1]) <= _LONGEST_INTERVAL:
-        raise _unreadable(file, "it does not say how often it has a complete frame")
-    kept, of = (int(between[1]), int(between[2])) if between[2] else (1, int(between[1]))
-    # A P interval of 0 in the header means complete frames only.
-    return Sampling(int(complete[1]), min(max(kept, 1), max(of, 1)), of or int(complete[1]))

@@ -119,35 +119,31 @@ class Formats:
         """Return one format, which the `outer` ones hold."""
         known = self._layouts.get(name)
         if known is None:
-            known = self._layouts[name] = self._new_layout(name, outer)
+            if name not in self.fields or name in outer or len(outer) >= _MAX_NESTING:
+                raise BrokenMessageError(f"no usable format {name!r}")
+            names: list[str] = []
+            seen: set[str] = set()
+            types: list[np.dtype[np.generic]] = []
+            size, depth = 0, 1
+            for type_name, n_elements, field_name in self._fields(name):
+                element: np.dtype[np.generic]
+                if type_name in BASIC_TYPES:
+                    element = np.dtype(BASIC_TYPES[type_name])
+                else:
+                    self._held_by.setdefault(type_name, set()).add(name)
+                    inner = self._layout(type_name, (*outer, name))
+                    element, depth = inner.dtype, max(depth, 1 + inner.depth)
+                size += element.itemsize * max(1, n_elements)
+                # A field without bytes would let a small file describe an endless row.
+                if size > _MAX_ROW or not element.itemsize or field_name in seen:
+                    raise BrokenMessageError(f"format {name!r} cannot be right")
+                names.append(field_name)
+                seen.add(field_name)
+                types.append(np.dtype((element, (n_elements,))) if n_elements else element)
+            known = self._layouts[name] = _Layout(np.dtype(list(zip(names, types, strict=True))), depth)
         if len(outer) + known.depth > _MAX_NESTING:
             raise BrokenMessageError(f"no usable format {name!r}")
         return known
-
-    def _new_layout(self, name: str, outer: tuple[str, ...]) -> _Layout:
-        """Take one format apart."""
-        if name not in self.fields or name in outer or len(outer) >= _MAX_NESTING:
-            raise BrokenMessageError(f"no usable format {name!r}")
-        names: list[str] = []
-        seen: set[str] = set()
-        types: list[np.dtype[np.generic]] = []
-        size, depth = 0, 1
-        for type_name, n_elements, field_name in self._fields(name):
-            element: np.dtype[np.generic]
-            if type_name in BASIC_TYPES:
-                element = np.dtype(BASIC_TYPES[type_name])
-            else:
-                self._held_by.setdefault(type_name, set()).add(name)
-                inner = self._layout(type_name, (*outer, name))
-                element, depth = inner.dtype, max(depth, 1 + inner.depth)
-            size += element.itemsize * max(1, n_elements)
-            # A field without bytes would let a small file describe an endless row.
-            if size > _MAX_ROW or not element.itemsize or field_name in seen:
-                raise BrokenMessageError(f"format {name!r} cannot be right")
-            names.append(field_name)
-            seen.add(field_name)
-            types.append(np.dtype((element, (n_elements,))) if n_elements else element)
-        return _Layout(np.dtype(list(zip(names, types, strict=True))), depth)
 
     def _fields(self, name: str) -> list[Field]:
         """Return the fields of a format, whose grammar was checked when it was defined."""

@@ -286,7 +286,13 @@ class _Walk:
                 at, before = self._resume(at), -1
                 continue
             if number == before and run > 1:
-                n_events, last = self._same(at, size, number, time, run)
+                # How many events of one kind follow each other, at most so many.
+                n_events = min(run, (self._stop - at) // size)
+                heads = np.ndarray(n_events, self._head, self._content, at, size)
+                step = np.diff(heads["time"].astype(np.int64))
+                sound = (heads["number"][1:] == number) & (step >= -self._earlier) & (step <= self._later)
+                n_sound = n_events if sound.all() else 1 + int(np.argmin(sound))
+                n_events, last = n_sound, int(heads["time"][n_sound - 1]) if n_sound > 1 else time
                 # Where kinds take turns, looking ahead costs more than it saves.
                 run = min(4 * run, _LONGEST_RUN) if n_events == run else _RUN if n_events >= _CHAIN else 1
             else:
@@ -303,15 +309,6 @@ class _Walk:
         """Say whether the next events are of one kind."""
         heads = (at + k * size for k in range(1, _CHAIN))
         return all(self._content[each : each + 2] == number.to_bytes(2, "little") for each in heads)
-
-    def _same(self, at: int, size: int, number: int, time: int, most: int) -> tuple[int, int]:
-        """Return how many events of one kind follow each other, at most so many, and the last one's time."""
-        n_events = min(most, (self._stop - at) // size)
-        heads = np.ndarray(n_events, self._head, self._content, at, size)
-        step = np.diff(heads["time"].astype(np.int64))
-        sound = (heads["number"][1:] == number) & (step >= -self._earlier) & (step <= self._later)
-        n_sound = n_events if sound.all() else 1 + int(np.argmin(sound))
-        return n_sound, int(heads["time"][n_sound - 1]) if n_sound > 1 else time
 
     def _is_chain(self, at: int) -> bool:
         """Say whether events with plausible times follow each other from here on, or to the end.

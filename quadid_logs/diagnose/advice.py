@@ -129,12 +129,11 @@ def _advice_of(found: Sequence[tuple[FlightLog, Finding]], step: Step) -> list[s
     for _log, finding in found:
         if _step(finding) == step:
             axes_of.setdefault(finding.advice, set()).update(finding.axes or AXES)
-    return [_named(advice, [axis for axis in AXES if axis in axes]) for advice, axes in axes_of.items()]
-
-
-def _named(advice: str, axes: Sequence[str]) -> str:
-    names = listed(axes)
-    return advice.replace("this axis", names).replace("This axis", names.capitalize())
+    said = []
+    for advice, axes in axes_of.items():
+        names = listed([axis for axis in AXES if axis in axes])
+        said.append(advice.replace("this axis", names).replace("This axis", names.capitalize()))
+    return said
 
 
 def _without_manoeuvre(

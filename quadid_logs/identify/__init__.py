@@ -151,11 +151,22 @@ def identify(
     found = responses(data, by_setpoints=told)
     if behind_told is None and not settings.smoothing_hz and settings.high_pass_hz:
         # By set-points the response of an axis can be known before a fit of it is any good.
-        asked = told or fits.informative
-        tilting = {axis: found[axis] for axis in asked if axis < 2 and found}
+        asked = [axis for axis in told or fits.informative if axis < 2]
+        tilting = {axis: found[axis] for axis in asked if found}
         for other, raised in _bands_of_the_response(tilting, band, data.sample_period_s, design):
             again = _fit_in(other, data, design, structures, settings, raised=raised)
-            if again is not None and _is_better(again.explained(), fits.explained(), asked, raised=raised):
+            if again is None:
+                continue
+            explained, after = (
+                np.array([each.explained().get(ACCELERATION_SYMBOLS[axis], 0.0) for axis in asked])
+                for each in (fits, again)
+            )
+            # Above a raised lower edge an axis must be explained: what is below is known to be another's,
+            # however well it was fitted. Without what is above an upper edge, or of which nothing is known,
+            # more must be explained: captured motion, for one, is often smoothed, and its empty upper
+            # frequencies harm nothing.
+            less = (1.0 - after) / np.maximum(1.0 - explained, 1e-12)
+            if after.max() >= INFORMATIVE_R2 if raised else np.prod(less) < (1.0 - _WORSE) ** less.size:
                 fits = again
     models = fits.models()
     identified = _identified(data, _recommend(models, wanted), design)
@@ -351,25 +362,6 @@ def _fit_in(
         own = None if raised and yaw.reaction is None else yaw
     settings = replace(settings, high_pass_hz=band.low_hz)
     return _fit_first(data, other, structures, settings, yaw=own)
-
-
-def _is_better(
-    again: Mapping[str, float], before: Mapping[str, float], asked: Sequence[int], *, raised: bool
-) -> bool:
-    """Say whether a fit in the band of the response takes the place of that in the default one.
-
-    Both are told by how much of each acceleration they explain.
-
-    Above a raised lower edge an axis must be explained: what is below is known to be another's, however well
-    it was fitted. Without what is above an upper edge, or of which nothing is known, more must be explained:
-    captured motion, for one, is often smoothed, and its empty upper frequencies harm nothing.
-    """
-    targets = [ACCELERATION_SYMBOLS[axis] for axis in asked if axis < 2]
-    explained, after = (np.array([each.get(target, 0.0) for target in targets]) for each in (before, again))
-    if raised:
-        return bool(after.max() >= INFORMATIVE_R2)
-    less = (1.0 - after) / np.maximum(1.0 - explained, 1e-12)
-    return bool(np.prod(less) < (1.0 - _WORSE) ** less.size)
 
 
 class _Fits(NamedTuple):

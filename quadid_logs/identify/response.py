@@ -262,38 +262,30 @@ def responses(data: FlightData, *, by_setpoints: Collection[int]) -> tuple[Respo
     if lines is None:
         return ()
     reference = lines.reference
-    driven_by = (reference if reference is not None and k in by_setpoints else lines.torque for k in range(3))
-    return tuple(
-        _response(
-            lines.frequency_hz,
-            *(each[:, :, k] for each in (driver, lines.torque, lines.acceleration)),
+    n_bands, found = _EDGES_HZ.size - 1, []
+    for axis in range(3):
+        driven_by = reference if reference is not None and axis in by_setpoints else lines.torque
+        where, gain = np.sqrt(_EDGES_HZ[:-1] * _EDGES_HZ[1:]), np.full(n_bands, np.nan + 0j)
+        error = np.full(n_bands, np.inf)
+        coherence, torque_power = np.zeros(n_bands), np.zeros(n_bands)
+        for band, (low, high) in enumerate(pairwise(_EDGES_HZ)):
+            inside = (lines.frequency_hz >= low) & (lines.frequency_hz < high)
+            of_axis = (each[:, :, axis] for each in (driven_by, lines.torque, lines.acceleration))
+            z, u, y = (each[:, inside] for each in of_axis)
+            power = np.vdot(z, u)
+            if power == 0.0:
+                continue
+            where[band] = np.sum(np.abs(u) ** 2 * lines.frequency_hz[inside]) / np.sum(np.abs(u) ** 2)
+            gain[band], error[band] = gain_by_instrument(z, u, y)
+            driving = max(float(np.vdot(z, z).real), _TINY)
+            torque_power[band] = abs(power) ** 2 / driving
+            coherence[band] = abs(np.vdot(z, y)) ** 2 / max(driving * float(np.vdot(y, y).real), _TINY)
+        found.append(
+            Response(
+                frequency_hz=where, gain=gain, error=error, coherence=coherence, torque_power=torque_power
+            )
         )
-        for k, driver in enumerate(driven_by)
-    )
-
-
-def _response(
-    frequency_hz: FloatArray, driven_by: ComplexArray, torque: ComplexArray, acceleration: ComplexArray
-) -> Response:
-    """Return the response of one axis from its lines, each (n_windows, n_lines)."""
-    n_bands = _EDGES_HZ.size - 1
-    where, gain = np.sqrt(_EDGES_HZ[:-1] * _EDGES_HZ[1:]), np.full(n_bands, np.nan + 0j)
-    error = np.full(n_bands, np.inf)
-    coherence, torque_power = np.zeros(n_bands), np.zeros(n_bands)
-    for band, (low, high) in enumerate(pairwise(_EDGES_HZ)):
-        lines = (frequency_hz >= low) & (frequency_hz < high)
-        z, u, y = (each[:, lines] for each in (driven_by, torque, acceleration))
-        power = np.vdot(z, u)
-        if power == 0.0:
-            continue
-        where[band] = np.sum(np.abs(u) ** 2 * frequency_hz[lines]) / np.sum(np.abs(u) ** 2)
-        gain[band], error[band] = gain_by_instrument(z, u, y)
-        driving = max(float(np.vdot(z, z).real), _TINY)
-        torque_power[band] = abs(power) ** 2 / driving
-        coherence[band] = abs(np.vdot(z, y)) ** 2 / max(driving * float(np.vdot(y, y).real), _TINY)
-    return Response(
-        frequency_hz=where, gain=gain, error=error, coherence=coherence, torque_power=torque_power
-    )
+    return tuple(found)
 
 
 class _Lines(NamedTuple):

@@ -255,25 +255,18 @@ def lagged_speeds(target: FloatArray, period_s: float, rotors: Rotors) -> FloatA
     padded = np.concatenate([before, target, after])
     intervals = np.lib.stride_tricks.sliding_window_view(padded, warm + length, axis=0)[::length]
     targets = np.ascontiguousarray(np.moveaxis(intervals, 2, 0))
-    speeds = _approached(targets, up, down)[warm:]
-    return np.asarray(speeds.transpose(1, 0, 2).reshape(-1, n_rotors)[:n_samples])
-
-
-def _approached(targets: FloatArray, up: float, down: float) -> FloatArray:
-    """Return what goes a fraction of the way to its target in each step, another one up than down.
-
-    Steps on axis 0; each takes a microsecond or two, so nothing is allocated there.
-    """
+    # Each goes a fraction of the way to its target in each step, another one up than down. Steps on axis 0;
+    # each takes a microsecond or two, so nothing is allocated there.
     # Of both steps the larger one is that of its direction where `up` is the larger fraction.
     choose = np.maximum if up >= down else np.minimum
     found = np.empty_like(targets)
     gap, rise, fall = (np.empty_like(targets[0]) for _ in range(3))
     before = targets[0]
-    for target, now in zip(targets, found, strict=True):
-        np.subtract(target, before, out=gap)
+    for wanted, now in zip(targets, found, strict=True):
+        np.subtract(wanted, before, out=gap)
         np.multiply(gap, up, out=rise)
         np.multiply(gap, down, out=fall)
         choose(rise, fall, out=rise)
         np.add(before, rise, out=now)
         before = now
-    return found
+    return np.asarray(found[warm:].transpose(1, 0, 2).reshape(-1, n_rotors)[:n_samples])

@@ -386,38 +386,30 @@ class _Equations:
 
     def _moments(self, place: int, columns: Sequence[EffectColumn]) -> _Moments:
         """Return the normal equations of an axis with those of these effects that are about it."""
-        axis = self.axes[place].number
-        own = [number for number, column in enumerate(columns) if axis in column.axes]
-        where = np.concatenate([self.own(place), [self.n_known + number for number in own]]).astype(int)
-        n_shown = sum(axis in column.axes for column in self.shown)
-        rows, left = self._rows(place, [columns[number] for number in own], n_shown)
-        main = rows[: len(self.known[place])]
-        return _Moments(where, rows.T @ rows, rows.T @ left, main.T @ main)
-
-    def _rows(
-        self, place: int, columns: Sequence[EffectColumn], n_shown: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the equations of an axis with effects, first those it shows, and what is left of them.
-
-        In the moments of the commanded torque the columns of effects are new; their own instruments add
-        moments of everything.
-        """
         axis, known = self.axes[place], self.known[place]
+        own = [number for number, column in enumerate(columns) if axis.number in column.axes]
+        where = np.concatenate([self.own(place), [self.n_known + number for number in own]]).astype(int)
+        n_shown = sum(axis.number in column.axes for column in self.shown)
+        about = [columns[number] for number in own]
         # What is shown is the same beside every effect that is tried.
         if place not in self._of_shown:
             none = _Shown((), (axis.instrument,), ())
-            self._of_shown[place] = self._with_own(place, columns[:n_shown], none)
-        found = self._with_own(place, columns[n_shown:], self._of_shown[place])
-        of_effects = np.zeros((len(known), len(columns)))
+            self._of_shown[place] = self._with_own(place, about[:n_shown], none)
+        found = self._with_own(place, about[n_shown:], self._of_shown[place])
+        # In the moments of the commanded torque the columns of effects are new; their own instruments add
+        # moments of everything.
+        of_effects = np.zeros((len(known), len(about)))
         for number, effect in enumerate(found.effects):
             white = axis.white(axis.summed((axis.instrument.conj() * effect).sum(axis=0)))
             of_effects[: white.size, number] = white
-        rows, left = [np.column_stack([known, of_effects])], [self.left[place]]
-        for own in found.own:
-            moments = [axis.summed((own.weight * effect).sum(axis=0)) for effect in found.effects]
-            rows.append(np.column_stack([own.slopes, *own.known, *(own.white(each) for each in moments)]))
-            left.append(own.left)
-        return np.vstack(rows), np.concatenate(left)
+        parts, rest = [np.column_stack([known, of_effects])], [self.left[place]]
+        for one in found.own:
+            moments = [axis.summed((one.weight * effect).sum(axis=0)) for effect in found.effects]
+            parts.append(np.column_stack([one.slopes, *one.known, *(one.white(each) for each in moments)]))
+            rest.append(one.left)
+        rows, left = np.vstack(parts), np.concatenate(rest)
+        main = rows[: len(known)]
+        return _Moments(where, rows.T @ rows, rows.T @ left, main.T @ main)
 
     def _with_own(self, place: int, columns: Sequence[EffectColumn], before: _Shown) -> _Shown:
         """Return the accelerations of more effects, and equations of their own instruments."""

@@ -68,7 +68,22 @@ class LogClock:
         if timed:
             self._reference = self.rows(max(timed, key=lambda table: table.n_rows))
         else:
-            self._reference = _nominal(every)
+            # While nothing was logged at 10 Hz, as on the ground, the monitor's rows keep the time.
+            named = {table.name: table for table in every if table.n_rows}
+            regular = next((named[name] for name in _TEN_HERTZ if name in named), None)
+            self._reference = None
+            if regular is not None:
+                marks = named[_MONITOR].position if _MONITOR in named else np.zeros(0, np.int64)
+                span = np.searchsorted(marks, regular.position)
+                first = np.searchsorted(span, span)
+                n_rows = np.searchsorted(span, span, side="right") - first
+                step_s = np.minimum(_STEP_S, _MONITOR_S / n_rows)
+                if not len(marks):
+                    step_s = np.full(regular.n_rows, _STEP_S)
+                # What lies before the first of the monitor's rows was logged just before it.
+                before_s = np.where(span == 0, _MONITOR_S - n_rows * step_s, 0.0)
+                times = _MONITOR_S * span + before_s + step_s * (np.arange(regular.n_rows) - first)
+                self._reference = Rows(np.asarray(times, dtype=np.float64), regular.position)
         self.has_time = bool(timed)
         """False where no row of the log carries a time."""
 
@@ -89,25 +104,3 @@ class LogClock:
                 own = time_before(table.position, known.position, known.time_s)
             self._rows[table] = Rows(np.full(table.n_rows, np.nan) if own is None else own, table.position)
         return self._rows[table]
-
-
-def _nominal(tables: Iterable[MessageTable]) -> Rows | None:
-    """Return rows that were logged at 10 Hz with the times of that, in step with the monitor's ten seconds.
-
-    While nothing was logged at 10 Hz, as on the ground, the monitor's rows keep the time.
-    """
-    named = {table.name: table for table in tables if table.n_rows}
-    regular = next((named[name] for name in _TEN_HERTZ if name in named), None)
-    if regular is None:
-        return None
-    marks = named[_MONITOR].position if _MONITOR in named else np.zeros(0, np.int64)
-    span = np.searchsorted(marks, regular.position)
-    first = np.searchsorted(span, span)
-    n_rows = np.searchsorted(span, span, side="right") - first
-    step_s = np.minimum(_STEP_S, _MONITOR_S / n_rows)
-    if not len(marks):
-        step_s = np.full(regular.n_rows, _STEP_S)
-    # What lies before the first of the monitor's rows was logged just before it.
-    before_s = np.where(span == 0, _MONITOR_S - n_rows * step_s, 0.0)
-    times = _MONITOR_S * span + before_s + step_s * (np.arange(regular.n_rows) - first)
-    return Rows(np.asarray(times, dtype=np.float64), regular.position)

@@ -115,7 +115,24 @@ class Messages:
     def __init__(
         self, tables: Mapping[str, MessageTable], clock: LogClock, version: tuple[int, int] | None
     ) -> None:
-        self.tables = {**tables, **_complete_loops(tables)}
+        # The rows of PIDR, PIDP and PIDY that belong to loops with all three.
+        found = [tables[name] for name in PID_MESSAGES if name in tables]
+        complete_loops: dict[str, MessageTable] = {}
+        if len(found) == len(PID_MESSAGES):
+            # Match rows of messages that each loop logs one after the other: R, P, Y without R between.
+            positions = [table.position for table in found]
+            first = positions[0]
+            following = np.append(first[1:], np.iinfo(np.int64).max)
+            matches = [np.searchsorted(other, first) for other in positions[1:]]
+            complete = np.ones(len(first), np.bool_)
+            for other, row in zip(positions[1:], matches, strict=True):
+                inside = np.minimum(row, len(other) - 1)
+                complete &= (row < len(other)) & (other[inside] < following)
+            rows = [np.flatnonzero(complete), *(row[complete] for row in matches)]
+            complete_loops = {
+                table.name: table.rows(chosen) for table, chosen in zip(found, rows, strict=True)
+            }
+        self.tables = {**tables, **complete_loops}
         self.clock = clock
         self._old_firmware = version is not None and version < _NEW_COMMAND_SINCE
         self._known: dict[tuple[MessageTable, Split], list[tuple[int | None, MessageTable]]] = {}
@@ -529,24 +546,6 @@ def messages_to_read(present: Mapping[str, int]) -> frozenset[str]:
     """
     wanted = [source for source in SOURCES if source.unless not in present]
     return messages_of(wanted).union(*(source.joined for source in wanted))
-
-
-def _complete_loops(tables: Mapping[str, MessageTable]) -> dict[str, MessageTable]:
-    """Return the rows of PIDR, PIDP and PIDY that belong to loops with all three."""
-    found = [tables[name] for name in PID_MESSAGES if name in tables]
-    if len(found) < len(PID_MESSAGES):
-        return {}
-    # Match rows of messages that each loop logs one after the other: R, P, Y without R between.
-    positions = [table.position for table in found]
-    first = positions[0]
-    following = np.append(first[1:], np.iinfo(np.int64).max)
-    matches = [np.searchsorted(other, first) for other in positions[1:]]
-    complete = np.ones(len(first), np.bool_)
-    for other, row in zip(positions[1:], matches, strict=True):
-        inside = np.minimum(row, len(other) - 1)
-        complete &= (row < len(other)) & (other[inside] < following)
-    rows = [np.flatnonzero(complete), *(row[complete] for row in matches)]
-    return {table.name: table.rows(chosen) for table, chosen in zip(found, rows, strict=True)}
 
 
 def _instances(table: MessageTable, labels: tuple[str, ...]) -> list[tuple[int | None, MessageTable]]:
