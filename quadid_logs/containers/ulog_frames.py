@@ -386,23 +386,21 @@ def _next_other(walk: _Walk, begin: int, stop: int) -> int:
     span = _FIRST_SEARCH
     while begin < stop:
         end = min(begin + span, stop)
-        for place in _other_heads(walk.bytes_at(begin, end + len(HEADER_MAGIC) - 1)).tolist():
+        # Where the head of a message other than data, or of a file, can stand.
+        text = walk.bytes_at(begin, end + len(HEADER_MAGIC) - 1)
+        window = np.frombuffer(text, np.uint8)
+        other_heads = np.zeros(0, np.int64)
+        if len(window) >= 3:
+            is_type = np.zeros(256, bool)
+            is_type[list(MESSAGE_TYPES - {_DATA})] = True
+            places = np.flatnonzero(is_type[window[2:]] & (window[1:-1] < _LONGEST_OTHER // 256))
+            header = text.find(HEADER_MAGIC)
+            other_heads = np.sort(np.append(places, header)) if header >= 0 else places
+        for place in other_heads.tolist():
             if begin + place < end and _makes_sense(walk, begin + place):
                 return int(begin + place)
         begin, span = end, 2 * span
     return stop
-
-
-def _other_heads(text: bytes) -> IntArray:
-    """Return where the head of a message other than data, or of a file, can stand in some bytes."""
-    window = np.frombuffer(text, np.uint8)
-    if len(window) < 3:
-        return np.zeros(0, np.int64)
-    is_type = np.zeros(256, bool)
-    is_type[list(MESSAGE_TYPES - {_DATA})] = True
-    places = np.flatnonzero(is_type[window[2:]] & (window[1:-1] < _LONGEST_OTHER // 256))
-    header = text.find(HEADER_MAGIC)
-    return np.sort(np.append(places, header)) if header >= 0 else places
 
 
 def _is_header(walk: _Walk, position: int) -> bool:

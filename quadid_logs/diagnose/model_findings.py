@@ -92,7 +92,11 @@ def find_in_models(log: FlightLog, identification: Identification) -> Iterator[F
         yield from _axis(log, identification, model, number)
     moved = (each.rate_rms_rad_s >= np.radians(MIN_RATE_RMS_DEG_S) for each in identification.excitation)
     if not identification.only_yaw and any(moved):
-        yield from _actuator(model)
+        actuator = model.actuator
+        if actuator is not None and actuator.at_bound:
+            yield finding(
+                "QL507", "warning", {"lag_s": rounded(actuator.lag_s), "delay_s": rounded(actuator.delay_s)}
+            )
     yield from _windows(identification)
 
 
@@ -511,14 +515,6 @@ _UNTOLD = (_poorly_excited, _follows_the_rate, _inverse_controller, _weakly_comm
 #: Rough air hides how well an axis follows its torque, and does not touch how it answers its commands.
 _SPECTRAL_FATAL = (_poorly_excited, _wrong_sign, _too_wide)
 _SPECTRAL_OTHERS = (_told_by_spectra, _changes_in_flight, _wide)
-
-
-def _actuator(model: Model) -> Iterator[Finding]:
-    actuator = model.actuator
-    if actuator is not None and actuator.at_bound:
-        yield finding(
-            "QL507", "warning", {"lag_s": rounded(actuator.lag_s), "delay_s": rounded(actuator.delay_s)}
-        )
 
 
 def _windows(identification: Identification) -> Iterator[Finding]:

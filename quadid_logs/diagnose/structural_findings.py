@@ -224,22 +224,19 @@ def _axis(
     """Judge one axis: what makes its number worthless is enough, then what would change it."""
     told = any(fit.is_told for fit in identification.spectral[number : number + 1])
     if holds_one_frequency(identification.excitation, number):
-        yield _one_frequency(identification.excitation[number], AXES[number], told=told)
+        excitation = identification.excitation[number]
+        axis = AXES[number]
+        evidence: dict[str, object] = {
+            "relative_bandwidth": rounded(excitation.bandwidth, 2),
+            "needed": LEAST_BANDWIDTH,
+            "strongest_line_hz": rounded(excitation.line_hz, 3),
+            "fraction_of_power_in_it": rounded(excitation.line_fraction, 2),
+            "allowed": MOST_IN_ONE_LINE,
+        }
+        title = f"The {axis} torque holds little more than one frequency"
+        yield finding("QL420", "warning" if told else "error", evidence, axes=(axis,), title=title)
     elif model.structural is not None:
         yield from _effects(model.structural, number, averaged=told, rotors_told=rotors_told)
-
-
-def _one_frequency(excitation: Excitation, axis: str, *, told: bool) -> Finding:
-    """Say that there is one frequency; where lag and effects are in the interval, it is none the worse."""
-    evidence: dict[str, object] = {
-        "relative_bandwidth": rounded(excitation.bandwidth, 2),
-        "needed": LEAST_BANDWIDTH,
-        "strongest_line_hz": rounded(excitation.line_hz, 3),
-        "fraction_of_power_in_it": rounded(excitation.line_fraction, 2),
-        "allowed": MOST_IN_ONE_LINE,
-    }
-    title = f"The {axis} torque holds little more than one frequency"
-    return finding("QL420", "warning" if told else "error", evidence, axes=(axis,), title=title)
 
 
 def _computed_from_rates(excitation: Sequence[Excitation]) -> tuple[int, ...]:

@@ -247,7 +247,10 @@ def check_structure(
     StructuralCheck
     """
     structure, axes = problem.structure, problem.axes
-    free = None if known else _free_timing(problem, model, fit, described)
+    free = None
+    if not known and axes and model.actuator.delay_s <= np.nan_to_num(fit.delay_half_width_s):
+        # Where the delay reaches zero, the torque may come after the motion that it causes.
+        free = free_actuator_model(problem, model, described)
     # Beside a torque from another time no effect could be told: each would make up for that.
     model = free or model
     design = model.design
@@ -810,15 +813,6 @@ def _by_flight(design: Design, equations: dict[int, _EquationRows]) -> tuple[Flo
                   out=variance, where=information > 0.0)  # fmt: skip
         half_width[:, axis] = NORMAL_95 * np.sqrt(variance) / abs(equation.gain)
     return gain, half_width
-
-
-def _free_timing(
-    problem: FitProblem, model: ActuatorModel, fit: PooledFit, described: InputDescription | None
-) -> ActuatorModel | None:
-    """Let the torque come after the motion that it causes, where the delay reaches zero."""
-    if not problem.axes or model.actuator.delay_s > np.nan_to_num(fit.delay_half_width_s):
-        return None
-    return free_actuator_model(problem, model, described)
 
 
 def _timing(problem: FitProblem, free: ActuatorModel, fit: PooledFit) -> TimingCheck:

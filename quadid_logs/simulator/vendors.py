@@ -328,23 +328,24 @@ def _ardupilot(setup: Setup, rate_hz: float) -> dict[str, float]:
     torque = np.any(setup.reference.torque, axis=0)
     if torque.any():
         values["SID_AXIS"] = 10 + int(np.argmax(torque))
-    # PSC_*, and an input shaper without limits of the acceleration.
-    hold = setup.position
+    return values | _ardupilot_gains(final_gains(setup), setup.tuning) | _ardupilot_position(setup.position)
+
+
+def _ardupilot_position(hold: PositionHold | None) -> dict[str, float]:
+    """PSC_*, and an input shaper without limits of the acceleration."""
     if hold is None:
-        ardupilot_position = {}
-    else:
-        ardupilot_position = {
-            "ATC_INPUT_TC": hold.lag_s,
-            "ATC_RATE_FF_ENAB": float(hold.lag_s > 0.0),
-            **{f"ATC_ACCEL_{axis}_MAX": 0.0 for axis in "RPY"},
-            "PSC_POSXY_P": hold.position_per_s,
-            "PSC_VELXY_P": hold.proportional_per_s,
-            "PSC_VELXY_I": hold.integral_per_s2,
-            "PSC_VELXY_D": hold.derivative,
-            "PSC_VELXY_FLTE": hold.error_hz,
-            "PSC_VELXY_FLTD": hold.derivative_hz,
-        }
-    return values | _ardupilot_gains(final_gains(setup), setup.tuning) | ardupilot_position
+        return {}
+    return {
+        "ATC_INPUT_TC": hold.lag_s,
+        "ATC_RATE_FF_ENAB": float(hold.lag_s > 0.0),
+        **{f"ATC_ACCEL_{axis}_MAX": 0.0 for axis in "RPY"},
+        "PSC_POSXY_P": hold.position_per_s,
+        "PSC_VELXY_P": hold.proportional_per_s,
+        "PSC_VELXY_I": hold.integral_per_s2,
+        "PSC_VELXY_D": hold.derivative,
+        "PSC_VELXY_FLTE": hold.error_hz,
+        "PSC_VELXY_FLTD": hold.derivative_hz,
+    }
 
 
 def _px4_position(hold: PositionHold | None) -> dict[str, float]:
