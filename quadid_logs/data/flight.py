@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -122,6 +123,11 @@ class Segment:
         return (
             f"<{type(self).__name__}: {self.n_samples} samples from {self.start_s:.4g} to {self.end_s:.4g} s>"
         )
+
+    def parts(self, n_parts: int) -> Iterator[Segment]:
+        """Yield the segment in so many parts of about equal length, in order."""
+        for first, after in pairwise(np.linspace(0, self.n_samples, n_parts + 1).astype(int).tolist()):
+            yield self.rows(slice(first, after))
 
     def rows(self, rows: slice) -> Segment:
         """Return a part of the segment."""

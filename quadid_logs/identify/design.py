@@ -7,9 +7,8 @@ functions).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -246,7 +245,12 @@ def build_design(
     terms = tuple({term.symbol: term for term in wanted}.values())
     rotors = _rotors(data)
     grids, chunks, parts, times = [], [], [], []
-    for chunk in _chunks(data):
+    # Long segments in equal chunks: FFTs stay short, and a search may skip some.
+    for chunk in (
+        part
+        for segment in data.segments
+        for part in segment.parts(max(1, int(segment.n_samples * data.sample_period_s / _CHUNK_S)))
+    ):
         grid = _coarser_grid(chunk.n_samples, data.sample_period_s, smoothing_hz)
         if grid.n_rows:
             grids.append(grid)
@@ -411,15 +415,6 @@ def _rotors(data: FlightData) -> RotorField | None:
         return None
     mean = sum(each.sum() for each in thrust) / sum(each.size for each in thrust)
     return RotorField(data.input.torque_per_thrust, float(mean))
-
-
-def _chunks(data: FlightData) -> Iterator[Segment]:
-    """Yield the segments, long ones in equal chunks: FFTs stay short, and a search may skip some."""
-    for segment in data.segments:
-        n_chunks = max(1, int(segment.n_samples * data.sample_period_s / _CHUNK_S))
-        edges = np.linspace(0, segment.n_samples, n_chunks + 1).astype(int)
-        for first, after in pairwise(edges):
-            yield segment.rows(slice(int(first), int(after)))
 
 
 def _excited_blocks(

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Excitation
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.terms import ANGLE_SYMBOLS, Term
@@ -201,15 +201,17 @@ def noise_density(data: FlightData) -> dict[str, float]:
         Without the angles where the log has no attitude.
     """
     density = {}
-    for name in (*RATE_SYMBOLS, *TORQUE_SYMBOLS, *ANGLE_SYMBOLS):
-        found = [_column(segment, name) for segment in data.segments]
-        pairs = [(column, column) for column in found if column is not None]
-        if not pairs:
-            continue
-        n_per_segment = min(int(WINDOW_S / data.sample_period_s), max(len(first) for first, _ in pairs))
-        spectra = averaged_spectra(pairs, period_s=data.sample_period_s, n_per_segment=n_per_segment)
-        upper = spectra.frequency_hz > _NOISE_BAND * spectra.frequency_hz[-1]
-        density[name] = float(np.median(spectra.input_psd[upper])) if upper.any() else 0.0
+    for names, values in (
+        (RATE_SYMBOLS, [segment.body_rate_rad_s for segment in data.segments]),
+        (TORQUE_SYMBOLS, [segment.torque for segment in data.segments]),
+        (ANGLE_SYMBOLS, [each.attitude_rad for each in data.segments if each.attitude_rad is not None]),
+    ):
+        for place, name in enumerate(names if values else ()):
+            pairs = [(each[:, place], each[:, place]) for each in values]
+            n_per_segment = min(int(WINDOW_S / data.sample_period_s), max(len(each) for each in values))
+            spectra = averaged_spectra(pairs, period_s=data.sample_period_s, n_per_segment=n_per_segment)
+            upper = spectra.frequency_hz > _NOISE_BAND * spectra.frequency_hz[-1]
+            density[name] = float(np.median(spectra.input_psd[upper])) if upper.any() else 0.0
     return density
 
 
@@ -235,15 +237,3 @@ class ColumnNoise:
     def of(self, terms: Iterable[Term]) -> FloatArray:
         """Return the noise (rms) of each term's column; shape (n_terms,)."""
         return np.array([term.noise(self._rms, self._size) for term in terms])
-
-
-def _column(segment: Segment, name: str) -> FloatArray | None:
-    """Return one column of a segment, None where the log has no attitude."""
-    for names, values in (
-        (RATE_SYMBOLS, segment.body_rate_rad_s),
-        (TORQUE_SYMBOLS, segment.torque),
-        (ANGLE_SYMBOLS, segment.attitude_rad),
-    ):
-        if name in names and values is not None:
-            return values[:, names.index(name)]
-    return None

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
-from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.data.flight import FlightData
 
 #: A flight is chosen from in chunks of a minute: long against the memory of
 #: all filters, short against the time for which a pilot does one thing.
@@ -30,7 +28,11 @@ def most_excited(data: FlightData, n_samples: int) -> FlightData:
     """
     if data.n_samples <= n_samples:
         return data
-    chunks = list(_chunks(data))
+    chunks = [
+        chunk
+        for segment in data.segments
+        for chunk in segment.parts(max(1, round(segment.n_samples * data.sample_period_s / _CHUNK_S)))
+    ]
     chosen, kept = [], 0
     # Differences: a slow turn is no excitation, and neither is the bias of the gyro.
     energy = np.array([np.sum(np.diff(chunk.body_rate_rad_s, axis=0) ** 2, axis=0) for chunk in chunks])
@@ -44,11 +46,3 @@ def most_excited(data: FlightData, n_samples: int) -> FlightData:
         chosen.append(int(number))
         kept += chunks[int(number)].n_samples
     return replace(data, segments=tuple(chunks[number] for number in sorted(chosen)))
-
-
-def _chunks(data: FlightData) -> Iterator[Segment]:
-    """Cut the segments into chunks of about a minute."""
-    for segment in data.segments:
-        n_chunks = max(1, round(segment.n_samples * data.sample_period_s / _CHUNK_S))
-        for first, after in pairwise(np.linspace(0, segment.n_samples, n_chunks + 1).astype(int)):
-            yield segment.rows(slice(int(first), int(after)))
