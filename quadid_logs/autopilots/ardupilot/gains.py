@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES
-from quadid_logs.data.autotune import Doubling, Twitching
+from quadid_logs.data.autotune import Doubling, Procedure, Twitching
 from quadid_logs.data.log import whole_number
 from quadid_logs.data.tuning import GainNames, Tunable
 
@@ -46,14 +46,22 @@ def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = N
         obstacle = "flown by a custom controller (CC_TYPE)"
     else:
         obstacle = _NOT_TUNED.get(whole_number(parameters.get("FRAME_CLASS")), "")
-    return Tunable(
-        axes={axis: _names(name, version) for axis, name in AXIS_NAMES.items()},
-        obstacle=obstacle,
-        procedures={
-            axis: (*_autotune(parameters, axis), _quiktune(parameters, name))
-            for axis, name in AXIS_NAMES.items()
-        },
-    )
+    axes = {}
+    procedures: dict[str, tuple[Procedure, ...]] = {}
+    for axis, name in AXIS_NAMES.items():
+        prefix = f"ATC_RAT_{name}_"
+        axes[axis] = GainNames(
+            scaled=tuple(f"{prefix}{short}" for short in "PID"),
+            proportional=f"{prefix}P",
+            integral=f"{prefix}I",
+            derivative=f"{prefix}D",
+            filters=(f"{prefix}FLTD", "INS_GYRO_FILTER"),
+            low_passes=(f"{prefix}FLTE", f"{prefix}FLTD", "INS_GYRO_FILTER"),
+            angle=f"ATC_ANG_{name}_P",
+            ranges=gain_ranges(name, version),
+        )
+        procedures[axis] = (*_autotune(parameters, axis), _quiktune(parameters, name))
+    return Tunable(axes=axes, obstacle=obstacle, procedures=procedures)
 
 
 def _autotune(parameters: Mapping[str, float], axis: str) -> Iterator[Twitching]:
@@ -101,20 +109,6 @@ def _quiktune(parameters: Mapping[str, float], name: str) -> Doubling:
         highest_proportional=(option("YAW_P_MAX", 0.5) or math.inf) if is_yaw else math.inf,
         highest_derivative=(option("YAW_D_MAX", 0.01) or math.inf) if is_yaw else math.inf,
         lowers_p=not is_yaw,
-    )
-
-
-def _names(name: str, version: tuple[int, ...] | None) -> GainNames:
-    prefix = f"ATC_RAT_{name}_"
-    return GainNames(
-        scaled=tuple(f"{prefix}{short}" for short in "PID"),
-        proportional=f"{prefix}P",
-        integral=f"{prefix}I",
-        derivative=f"{prefix}D",
-        filters=(f"{prefix}FLTD", "INS_GYRO_FILTER"),
-        low_passes=(f"{prefix}FLTE", f"{prefix}FLTD", "INS_GYRO_FILTER"),
-        angle=f"ATC_ANG_{name}_P",
-        ranges=gain_ranges(name, version),
     )
 
 

@@ -292,30 +292,28 @@ def _compare(vehicle: _Vehicle, mixed: MotorSeries, law: _Law) -> MixerCheck | N
     """Compare recomputed with logged pulse widths on flown rows that nothing limits."""
     if vehicle.outputs is None:
         return None
-    checks = [_compare_loop(mixed, vehicle.outputs, vehicle.settings, law, loop) for loop in _LOOPS]
-    return min(checks, key=_misfit)
-
-
-def _compare_loop(
-    mixed: MotorSeries, outputs: CleanSeries, settings: MotorSettings, law: _Law, loop: int
-) -> MixerCheck | None:
-    """Compare with the command of the same loop, or of a neighbouring one."""
-    row, same = _same_loop(mixed.base, outputs)
-    row = np.clip(row + loop, 0, mixed.base.n_samples - 1)
-    free = np.zeros(row.shape, np.bool_) if mixed.saturated is None else ~mixed.saturated[row].any(axis=1)
-    usable = same & free & mixed.flown[row]
-    error = pulse_width(mixed.actuator[row[usable]], settings) - outputs.values[usable]
-    if len(error) < _FEW_ROWS or not np.isfinite(error).all():
-        return None
-    return MixerCheck(
-        n_samples=len(error),
-        mean_us=float(error.mean()),
-        std_us=float(error.std()),
-        largest_us=float(np.abs(error).max()),
-        typical_us=float(np.quantile(np.abs(error), _ONE_SIGMA)),
-        density=law.name,
-        law=law.kind,
-    )
+    before, same = _same_loop(mixed.base, vehicle.outputs)
+    best = None
+    # With the command of the same loop, or of a neighbouring one.
+    for loop in _LOOPS:
+        row = np.clip(before + loop, 0, mixed.base.n_samples - 1)
+        free = np.zeros(row.shape, np.bool_) if mixed.saturated is None else ~mixed.saturated[row].any(axis=1)
+        usable = same & free & mixed.flown[row]
+        error = pulse_width(mixed.actuator[row[usable]], vehicle.settings) - vehicle.outputs.values[usable]
+        if len(error) < _FEW_ROWS or not np.isfinite(error).all():
+            continue
+        check = MixerCheck(
+            n_samples=len(error),
+            mean_us=float(error.mean()),
+            std_us=float(error.std()),
+            largest_us=float(np.abs(error).max()),
+            typical_us=float(np.quantile(np.abs(error), _ONE_SIGMA)),
+            density=law.name,
+            law=law.kind,
+        )
+        if _misfit(check) < _misfit(best):
+            best = check
+    return best
 
 
 def _misfit(check: MixerCheck | None) -> float:

@@ -23,27 +23,28 @@ def tunable(
     loop, and stays.
     """
     curved = parameters.get("tpa_curve_type", 0.0) != 0.0
+    highest = _HIGHEST if SLIDERS in parameters else _HIGHEST_BEFORE
+    axes = {}
+    for axis in AXES:
+        proportional, integral, derivative = (f"{short}_{axis}" for short in "pid")
+        ends = [
+            f"{name}_{axis}" for name in ("d_min", "d_max") if parameters.get(f"{name}_{axis}", 0.0) > 0.0
+        ]
+        scaled = (proportional, integral, derivative, *ends)
+        axes[axis] = GainNames(
+            scaled=scaled,
+            proportional=proportional,
+            integral=integral,
+            derivative=derivative,
+            angle="",
+            filters=("dterm_lpf2_static_hz", "gyro_lpf2_static_hz"),
+            low_passes=tuple(one.static for one in (*GYRO_LOW_PASSES, *D_LOW_PASSES)),
+            ranges=dict.fromkeys(scaled, (0.0, highest)),
+            whole=True,
+        )
     return Tunable(
-        axes={axis: _names(axis, parameters) for axis in AXES},
+        axes=axes,
         obstacle="flown with a curve of throttle attenuation that is not modelled (tpa_curve_type)"
         if curved
         else "",
-    )
-
-
-def _names(axis: str, parameters: Mapping[str, float]) -> GainNames:
-    proportional, integral, derivative = (f"{short}_{axis}" for short in "pid")
-    ends = [f"{name}_{axis}" for name in ("d_min", "d_max")]
-    scaled = (proportional, integral, derivative, *(one for one in ends if parameters.get(one, 0.0) > 0.0))
-    highest = _HIGHEST if SLIDERS in parameters else _HIGHEST_BEFORE
-    return GainNames(
-        scaled=scaled,
-        proportional=proportional,
-        integral=integral,
-        derivative=derivative,
-        angle="",
-        filters=("dterm_lpf2_static_hz", "gyro_lpf2_static_hz"),
-        low_passes=tuple(one.static for one in (*GYRO_LOW_PASSES, *D_LOW_PASSES)),
-        ranges=dict.fromkeys(scaled, (0.0, highest)),
-        whole=True,
     )

@@ -41,8 +41,23 @@ def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = N
         obstacle = "no multirotor (CA_AIRFRAME)"
     else:
         obstacle = _NOT_TUNED.get(whole_number(parameters.get("MAV_TYPE"), 2), "")
+    axes = {}
+    for axis, (name, _) in AXIS_NAMES.items():
+        prefix = f"MC_{name}RATE_"
+        # Before 1.10 there is no K.
+        common = (f"{prefix}K",) if f"{prefix}K" in parameters else tuple(f"{prefix}{one}" for one in "PID")
+        axes[axis] = GainNames(
+            scaled=common,
+            proportional=f"{prefix}P",
+            integral=f"{prefix}I",
+            derivative=f"{prefix}D",
+            filters=_FILTERS,
+            low_passes=_FILTERS if name != "YAW" else (*_FILTERS, "MC_YAW_TQ_CUTOFF"),
+            angle=f"MC_{name}_P",
+            ranges=gain_ranges(name, version),
+        )
     return Tunable(
-        axes={axis: _names(name, parameters, version) for axis, (name, _) in AXIS_NAMES.items()},
+        axes=axes,
         obstacle=obstacle,
         procedures={axis: (_autotune(parameters, name),) for axis, (name, _) in AXIS_NAMES.items()},
     )
@@ -62,22 +77,6 @@ def _autotune(parameters: Mapping[str, float], name: str) -> PolePlacement:
         angle_gains=(2.0, 6.5),
         highest=(0.5, 10.0, 0.1),
         common=common if common in parameters else "",
-    )
-
-
-def _names(name: str, parameters: Mapping[str, float], version: tuple[int, ...] | None) -> GainNames:
-    prefix = f"MC_{name}RATE_"
-    # Before 1.10 there is no K.
-    common = (f"{prefix}K",) if f"{prefix}K" in parameters else tuple(f"{prefix}{one}" for one in "PID")
-    return GainNames(
-        scaled=common,
-        proportional=f"{prefix}P",
-        integral=f"{prefix}I",
-        derivative=f"{prefix}D",
-        filters=_FILTERS,
-        low_passes=_FILTERS if name != "YAW" else (*_FILTERS, "MC_YAW_TQ_CUTOFF"),
-        angle=f"MC_{name}_P",
-        ranges=gain_ranges(name, version),
     )
 
 
