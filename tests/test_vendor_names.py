@@ -1,4 +1,4 @@
-"""Vendors' names live where vendors are known: in autopilots, containers, writers and simulate."""
+"""Vendors' names live where vendors are known: in autopilots, containers, writers and the simulator."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "quadid_logs"
-AT_HOME = ("autopilots", "containers", "writers", "simulate")
+AT_HOME = ("autopilots", "containers", "writers", "simulator")
 #: Vendors and their programs, parameters, messages.
 NAMES = re.compile(
     r"\b(?:Ardu(?:Pilot|Copter|Plane)|PX4|Betaflight|INAV|QGroundControl|ardupilot|px4|betaflight)"
