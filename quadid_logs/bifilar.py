@@ -76,8 +76,9 @@ class Bifilar:
             raise SettingsError(f"mass_half_width_kg is {self.mass_half_width_kg:g}.", hint="Give kg.")
         if self.distance_m >= 2.0 * self.length_m:
             raise SettingsError(
-                f"Strings of {self.length_m:g} m cannot turn at {self.distance_m:g} m from each other.",
-                hint="Use strings that are longer than their distance; all lengths are in m.",
+                f"Strings of {self.length_m:g} m are too short for a distance of {self.distance_m:g} m "
+                "between them.",
+                hint="Use strings that are longer than the distance between them. Give all lengths in m.",
             )
 
     @property
@@ -205,13 +206,13 @@ def swing(
         if each.n_samples > 2 and math.isfinite(each.period_s)
     ]
     if not found:
-        raise LogError("This log has no body rates on a clock.", hint="Log the gyro while disarmed.")
+        raise LogError("The log has no body rates with time stamps.", hint="Log the gyro while disarmed.")
     series = min(found, key=lambda each: each.period_s)
     series = series.take(series.within(start_s, end_s))
     if series.n_samples < 2:
         raise LogError(
             "The chosen part of the log has no body rates.",
-            hint="Give --start-s and --end-s on the log's clock, as `quadid-log info LOG` shows it.",
+            hint="Give --start-s and --end-s on the log's clock: `quadid-log info LOG` shows it.",
         )
     # The axis that turns most.
     number = AXES.index(axis) if axis else int(np.argmax(np.var(series.values, axis=0)))
@@ -222,7 +223,7 @@ def swing(
     line_hz = np.fft.rfftfreq(4 * n, time_s[1] - time_s[0])
     near = (line_hz > _SLOWEST_HZ) & (line_hz < _FASTEST_HZ)
     if not near.any() or not power[near].any():
-        raise LogError("Nothing turns in this log.", hint="Log the gyro while disarmed.")
+        raise LogError("The log shows no rotation.", hint="Log the gyro while disarmed.")
     frequency_hz = float(line_hz[near][np.argmax(power[near])])
     candidates = (
         _fitted(time_s, rate, frequency_hz, span, hung) for span in _spans(time_s, rate, frequency_hz)
@@ -230,9 +231,11 @@ def swing(
     runs = tuple(each for each in candidates if each is not None and each.fraction_left < _MOST_LEFT)
     if not runs:
         raise LogError(
-            f"Nothing swings about {AXES[number]} for five periods in this log.",
-            hint="Log the gyro while disarmed, turn the vehicle by 10 degrees, let go, and "
-            "wait for a minute, and for ten swings if they are slow; name the vertical axis with --axis.",
+            f"The log shows no swing about {AXES[number]} that lasts for five periods.",
+            hint=(
+                "Log the gyro while disarmed. Turn the vehicle by 10 degrees, let go, and wait for a "
+                "minute and for at least ten swings. Name the vertical axis with --axis."
+            ),
         )
     mean = random_effect_mean(
         np.array([each.moment_kg_m2 for each in runs]), np.array([each.half_width_kg_m2 for each in runs])
@@ -258,7 +261,7 @@ def _uniform(series: CleanSeries, axis: int) -> tuple[FloatArray, FloatArray]:
     period_s = max(series.period_s, 1.0 / _MOST_RATE_HZ)
     n = int((series.time_s[-1] - series.time_s[0]) / period_s) + 1
     if not 8 <= n <= 10 * max(series.n_samples, 1000):
-        raise LogError("The gyro's times in this log hold no minute of swings.", hint="Log it again.")
+        raise LogError("The gyro was logged for less than a minute of swings.", hint="Log it again.")
     time_s = series.time_s[0] + period_s * np.arange(n)
     values = series.values[:, axis]
     if series.period_s < period_s:

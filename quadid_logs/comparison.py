@@ -247,11 +247,11 @@ def _obstacle(both: tuple[Result, Result], axis: str) -> str:
     units = [result.data.input.unit if result.data.input else "" for result in both]
     if units[0] != units[1]:
         return (
-            f"torque is in {_spoken(units[0])} before and in {_spoken(units[1])} after: "
-            "describe the vehicle with --vehicle, or compare logs of one kind"
+            f"torque is in {_spoken(units[0])} before and in {_spoken(units[1])} after: describe the "
+            "vehicle with --vehicle, or compare logs that were logged in the same way"
         )
     if units[0] == "1" and before.log.autopilot != after.log.autopilot:
-        return "each autopilot has its own unit of command: describe the vehicle with --vehicle"
+        return "commands of different autopilots have different units: describe the vehicle with --vehicle"
     return ""
 
 

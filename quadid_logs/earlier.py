@@ -47,8 +47,9 @@ def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
             own, other = getattr(result.log, name), getattr(one.log, name)
             if own and other and own != other:
                 raise SettingsError(
-                    f"{printable(PurePath(one.log.path).name)} is of another vehicle: its "
-                    f"{name.replace('_id', '')} is not that of {printable(PurePath(result.log.path).name)}.",
+                    f"{printable(PurePath(one.log.path).name)} is from another vehicle: its "
+                    f"{name.replace('_id', '')} differs from that of "
+                    f"{printable(PurePath(result.log.path).name)}.",
                     hint="Give earlier flights of the same vehicle.",
                 )
     again = copies([each.data for each in (result, *earlier)])

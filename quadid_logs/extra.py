@@ -34,7 +34,7 @@ def load(name: str, extra: str = "") -> Any:
         package = name.partition(".")[0]
         how = f"pip install {_PACKAGES.get(package, package)}"
         if extra:
-            how = f"pip install '.[{extra}]', in the folder of quadid-logs' source"
+            how = f"pip install '.[{extra}]' in the source folder of quadid-logs"
         raise SettingsError(
             f"{error.name or name} is not installed.", hint=f"Install it with: {how}"
         ) from error

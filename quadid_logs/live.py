@@ -144,8 +144,8 @@ class LiveFigures:
         axis = self.next_axis
         if axis is None:
             wide = listed([axis.axis for axis in self.axes if axis.more_s > 0.0])
-            return f"More flight will not narrow {wide} much: land, and read the report."
-        return f"Fly {axis.axis} doublets for {axis.more_s:.0f} s more."
+            return f"More flight will hardly narrow {wide}: land, and read the report."
+        return f"Fly {axis.axis} doublets for another {axis.more_s:.0f} s."
 
 
 class _Block(NamedTuple):
@@ -337,7 +337,7 @@ def _missing(data: FlightData) -> str:
         segment.command is not None and np.isfinite(segment.command).all(axis=1).any()
         for segment in data.segments
     ):
-        return "this flight mode's set-points are no commands: fly in a mode that the sticks command"
+        return "set-points of this flight mode are not commands: fly in a mode that the sticks command"
     return ""
 
 
@@ -351,7 +351,7 @@ def _oscillation(prepared: Prepared, data: FlightData) -> str:
     if found is None or not found.axes:
         return ""
     worst = found.axes[0]
-    folded = ", or vibrates faster than the log shows" if found.may_be_folded else ""
+    folded = ", or vibrates faster than the log can show" if found.may_be_folded else ""
     return f"{worst.axis.capitalize()} oscillates at {worst.line.frequency_hz:.1f} Hz{folded}."
 
 
@@ -401,7 +401,9 @@ def notes(figures: LiveFigures) -> tuple[str, ...]:
     saturated = figures.saturated > _SATURATED
     limit = f"The motors were at their limits in {100.0 * figures.saturated:.0f} % of the flight."
     scaled = figures.unit == "N m" and any(axis.half_width < 1.0 for axis in figures.axes)
-    calibration = "Per N m by the parameters: the intervals leave their error out."
+    calibration = (
+        "Values are per N m by the parameters. The intervals do not include the error of the parameters."
+    )
     return tuple(
         filter(None, (limit if saturated else "", figures.oscillation, calibration if scaled else ""))
     )

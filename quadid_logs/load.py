@@ -138,7 +138,7 @@ def read_log(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog
     if not head:
         raise EmptyLogError(
             f"{path} is empty (0 bytes).",
-            hint="Download the log again; logs are only complete after disarming.",
+            hint="Download the log again. Logs are only complete after disarming.",
         )
     log_format = format_of(head)
     if log_format is not None:
@@ -156,7 +156,7 @@ def read_log(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog
                 return log_format.read(path, system=system)
         except OSError as error:
             raise LogNotFoundError(
-                f"{path} cannot be read: {error}.", hint="Check the disk and try again."
+                f"{path} cannot be read: {error}.", hint="Check the disk, and try again."
             ) from error
         except (struct.error, UnicodeError, IndexError, KeyError, OverflowError) as error:
             raise UnknownFormatError(
@@ -174,7 +174,7 @@ def _read_head(path: Path) -> bytes:
     """Return the file's first bytes."""
     try:
         if path.exists() and not path.is_file():
-            kind = "a directory" if path.is_dir() else "no regular file"
+            kind = "a directory" if path.is_dir() else "not a regular file"
             raise LogNotFoundError(f"{path} is {kind}.", hint="Give the path of one log file.")
         with path.open("rb") as file:
             return file.read(_HEAD_BYTES)

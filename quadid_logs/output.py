@@ -103,7 +103,7 @@ def check_no_link(folder: Path) -> None:
     """
     if folder.is_symlink():
         raise OutputError(
-            f"{printable(folder)} is a symbolic link; nothing is written through links.",
+            f"{printable(folder)} is a symbolic link, and nothing is written through links.",
             hint="Choose another -o.",
         )
 
@@ -202,7 +202,7 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{printable(folder)} cannot be made: {error.strerror or error}.") from error
+        raise OutputError(f"{printable(folder)} cannot be created: {error.strerror or error}.") from error
 
 
 def write_beside(path: Path, content: bytes) -> None:

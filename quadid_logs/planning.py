@@ -226,11 +226,11 @@ def make_plan(
     """
     unknown = [axis for axis in axes if axis not in AXES]
     if unknown:
-        raise SettingsError(f"There is no axis {unknown[0]!r}.", hint=f"Choose of {', '.join(AXES)}.")
+        raise SettingsError(f"There is no axis {unknown[0]!r}.", hint=f"Choose from {', '.join(AXES)}.")
     if autopilot == "other":
         raise SettingsError(
             "The log does not say which autopilot flew.",
-            hint=f"Name one in its place: {', '.join(plannable())}.",
+            hint=f"Name one instead: {', '.join(plannable())}.",
         )
     if autopilot not in plannable():
         raise SettingsError(
@@ -241,11 +241,11 @@ def make_plan(
             f"A propeller of {propeller_inch:g} inches is out of range.", hint="Give 1 to 40 inches."
         )
     if air and air not in AIRS:
-        raise SettingsError(f"There is no air {air[:40]!r}.", hint=f"Choose one of {', '.join(AIRS)}.")
+        raise SettingsError(f"The air {air[:40]!r} is unknown.", hint=f"Choose one of {', '.join(AIRS)}.")
     if not 0.01 < wanted <= 0.5:
         raise SettingsError(
             f"An interval of {100.0 * wanted:g} % is out of range.",
-            hint="Give more than 1 %, the gyro's own scale, and 50 % at most.",
+            hint="Give more than 1 % (the gyro's scale error), and at most 50 %.",
         )
     chosen = tuple(axis for axis in AXES if not axes or axis in axes)
     advice = advice_for(autopilot)
@@ -298,7 +298,7 @@ def _model_words(known: Result | None, axes: Sequence[str], simulated: str) -> s
     if not untold:
         return "the log"
     told = "" if len(untold) == len(axes) else "the log, and "
-    return f"{told}{simulated}, since the log tells nothing of {' and '.join(untold)}"
+    return f"{told}{simulated}, because the log shows nothing of {' and '.join(untold)}"
 
 
 class _Known(NamedTuple):
@@ -440,7 +440,7 @@ def parse_version(text: str) -> Version:
     """
     numbers = text.removeprefix("v").removeprefix("V").split(".")
     if not all(number.isascii() and number.isdigit() and len(number) < 5 for number in numbers):
-        raise SettingsError(f"{text[:40]!r} is no version of a firmware.", hint="Give it as 4.5 or 4.5.7.")
+        raise SettingsError(f"{text[:40]!r} is not a firmware version.", hint="Give it as 4.5 or 4.5.7.")
     return tuple(int(number) for number in numbers)
 
 

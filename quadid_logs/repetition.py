@@ -201,17 +201,20 @@ def repeat(results: Sequence[Result]) -> Repeatability:
     """
     # Refuse what cannot be held against each other.
     if len(results) < 2:
-        raise SettingsError("One flight repeats nothing.", hint="Name two logs or more of one vehicle.")
+        raise SettingsError(
+            "One flight cannot be compared with itself.", hint="Name two logs or more of one vehicle."
+        )
     kinds = {(result.data.input.unit, result.log.autopilot) for result in results if result.data.input}
     units = {unit for unit, _autopilot in kinds}
     if len(units) > 1:
         raise SettingsError(
-            "The torque of the logs is not the same quantity: N m in one, a normalised command in the other.",
-            hint="Describe the vehicle with --vehicle, or compare logs of one kind.",
+            "One log holds torque in N m, the other a normalised command.",
+            hint="Describe the vehicle with --vehicle, or compare logs that were logged in the same way.",
         )
     if units == {"1"} and len(kinds) > 1:
         raise SettingsError(
-            "Each autopilot has its own unit of command.", hint="Describe the vehicle with --vehicle."
+            "Commands of different autopilots have different units.",
+            hint="Describe the vehicle with --vehicle.",
         )
     # The structure that is recommended most often, the first one where several are.
     recommended = [result.identification.recommended for result in results]
@@ -220,7 +223,7 @@ def repeat(results: Sequence[Result]) -> Repeatability:
     same = copies([result.data for result in results])
     # By axis why a flight does not tell its effectiveness.
     reasons = tuple(
-        dict.fromkeys(AXES, f"it holds the same flight as log {same[place] + 1}")
+        dict.fromkeys(AXES, f"it repeats the flight of log {same[place] + 1}")
         if place in same
         else {axis: reason for axis in AXES if (reason := _why_unknown(result, structure, axis))}
         for place, result in enumerate(results)

@@ -69,12 +69,12 @@ def read_vehicle(path: Path) -> Vehicle:
     content = _toml(path)
     _refuse_unknown(path, content, _KEYS)
     if "max_thrust_n" in content and "thrust_curve" in content:
-        raise _wrong(path, "max_thrust_n and thrust_curve say the same thing", "Give one of them.")
+        raise _wrong(path, "max_thrust_n and thrust_curve describe the same thing", "Give one of them.")
     if "arm_length_m" in content and "rotor" in content:
-        raise _wrong(path, "arm_length_m and [[rotor]] say the same thing", "Give one of them.")
+        raise _wrong(path, "arm_length_m and [[rotor]] describe the same thing", "Give one of them.")
     name = content.get("name", "")
     if not isinstance(name, str):
-        raise _wrong(path, "name must be a text", 'For example: name = "my quad".')
+        raise _wrong(path, "name must be text", 'For example: name = "my quad".')
     numbers = {key: _positive(path, key, content[key]) for key in _POSITIVE if key in content}
     # The rotors.
     tables = content.get("rotor", [])
@@ -130,7 +130,9 @@ def _toml(path: Path) -> dict[str, Any]:
         ) from error
     except (ValueError, RecursionError) as error:
         # Of ValueError: no TOML, no UTF-8, or an integer of thousands of digits.
-        raise _wrong(path, f"it is no valid TOML ({printable(error)})", "See docs for an example.") from error
+        raise _wrong(
+            path, f"it is not valid TOML ({printable(error)})", "See docs/vehicle.md for an example."
+        ) from error
 
 
 def _wrong(path: Path, what: str, hint: str) -> VehicleFileError:
@@ -184,7 +186,7 @@ def _array(path: Path, key: str, value: Any, shapes: tuple[tuple[int, ...], ...]
 
 def _inertia(path: Path, value: Any) -> FloatArray:
     """Return the tensor (3, 3): symmetric and positive definite."""
-    hint = "Give [Ixx, Iyy, Izz] or a symmetric 3 by 3 tensor, in kg m^2; nan for a moment that is not known."
+    hint = "Give [Ixx, Iyy, Izz] or a symmetric 3 by 3 tensor in kg m^2. Write nan for an unknown moment."
     # Which of three moments are nan; nothing where none is, or all are.
     unknown = (
         [isinstance(each, float) and math.isnan(each) for each in value] if isinstance(value, list) else []

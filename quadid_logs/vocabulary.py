@@ -39,21 +39,21 @@ _SPECS = (
         ("p_setpoint_rad_s", "q_setpoint_rad_s", "r_setpoint_rad_s"),
         ("p_sp", "q_sp", "r_sp"),
         "rad/s",
-        "what the rate controller was commanded",
+        "body rates that the rate controller was commanded",
     ),
     SignalSpec(
         "reference_rate",
         ("p_reference_rad_s", "q_reference_rad_s", "r_reference_rad_s"),
         ("p_ref", "q_ref", "r_ref"),
         "rad/s",
-        "body rates that follow from a planned trajectory alone, whatever the vehicle did",
+        "body rates of a planned trajectory, which do not depend on the motion of the vehicle",
     ),
     SignalSpec(
         "attitude",
         ("phi_rad", "theta_rad", "psi_rad"),
         ("phi", "theta", "psi"),
         "rad",
-        "Euler 3-2-1 angles roll, pitch, yaw of the body against NED",
+        "Euler 3-2-1 angles roll, pitch, yaw of the body relative to NED",
     ),
     SignalSpec(
         "attitude_setpoint",
@@ -110,14 +110,18 @@ _SPECS = (
         "mean change of the specific force from sample to sample of the sensor",
     ),
     SignalSpec(
-        "accelerometer_clips", (), (), "1", "samples at the end of the accelerometer's range since the start"
+        "accelerometer_clips",
+        (),
+        (),
+        "1",
+        "number of samples at the end of the accelerometer's range since the start",
     ),
     SignalSpec(
         "gyro_samples",
         (),
         (),
         "rad/s",
-        "what one gyro measured at its own rate, in body axes, perhaps in batches with pauses between them",
+        "samples of one gyro at its own rate, in body axes, perhaps in batches with pauses between them",
     ),
     SignalSpec("battery_voltage", ("battery_v",), ("V",), "V", "battery voltage"),
     SignalSpec(
@@ -125,23 +129,25 @@ _SPECS = (
         ("battery_ratio",),
         ("v",),
         "1",
-        "filtered battery voltage over the full one, as the thrust compensation uses it",
+        "filtered battery voltage divided by the full voltage, as the thrust compensation uses it",
     ),
-    SignalSpec("lift_max", ("lift_max",), ("lift_max",), "1", "available lift against a full battery"),
-    SignalSpec("air_density_ratio", ("air_density_ratio",), ("rho",), "1", "air density over 1.225 kg/m^3"),
+    SignalSpec("lift_max", ("lift_max",), ("lift_max",), "1", "available lift relative to a full battery"),
+    SignalSpec(
+        "air_density_ratio", ("air_density_ratio",), ("rho",), "1", "air density divided by 1.225 kg/m^3"
+    ),
     SignalSpec(
         "unallocated_torque",
         ("L_unallocated", "M_unallocated", "N_unallocated"),
         ("L", "M", "N"),
         "1",
-        "torque that the mixer could not give, normalised",
+        "normalised torque that the mixer could not give",
     ),
     SignalSpec(
         "torque_saturation",
         ("L_saturated", "M_saturated", "N_saturated"),
         ("L", "M", "N"),
         "1",
-        "1 where the actuators could not do what was commanded about this axis",
+        "1 while the actuators could not give the command about this axis",
     ),
     SignalSpec(
         "throttle_limit",
@@ -164,7 +170,7 @@ _SPECS = (
         ("roll_stick", "pitch_stick"),
         ("roll", "pitch"),
         "1",
-        "where the pilot's sticks stand, -1 to 1, in the sense of the body rates",
+        "position of the pilot's sticks, -1 to 1, with the signs of the body rates",
     ),
     SignalSpec("sysid_chirp", ("sysid_chirp",), ("chirp",), "1", "excitation injected by a system-ID mode"),
 )

@@ -184,7 +184,7 @@ def test_only_loops_that_are_close_to_instability_are_called_so(case: Case) -> N
     told = [one for one in case.result.diagnosis.findings if one.code == "QL601" and case.axis in one.axes]
     for one in told:
         close = "close to instability" in one.title
-        assert close == ("land if the vehicle shakes" in one.advice) == (one.level == "warning")
+        assert close == ("Land if the vehicle shakes" in one.advice) == (one.level == "warning")
         if "may have less" in one.title:
             assert not_told_apart(one, case.true_now)
         else:

@@ -107,7 +107,7 @@ def test_every_axis_has_a_label_and_every_physical_one_a_unit(usable: Result) ->
         "gain",
         "imaginary part",
         "motor",
-        "rate over set-point",
+        "rate divided by set-point",
         "real part",
         "condition number of H_k",
         "singular value",

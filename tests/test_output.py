@@ -158,7 +158,7 @@ def test_a_terminated_run_leaves_no_half_written_folder(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 143
-    assert "nothing was left half-written" in done.stderr
+    assert "no file was left half-written" in done.stderr
     assert list(tmp_path.iterdir()) == []
 
 

@@ -76,7 +76,7 @@ def test_logs_of_different_rates_are_pooled_at_the_slower_one(
 def test_newton_metres_and_commands_are_not_pooled(flights: list[Path], tmp_path: Path) -> None:
     """A PX4 log with calibrated rotors beside one with commands."""
     other = written(tmp_path, "other.ulg", "sysid-quad-x", seed=5, duration_s=25.0, autopilot="px4")
-    with pytest.raises(SettingsError, match="not the same quantity"):
+    with pytest.raises(SettingsError, match="a normalised command"):
         analyze_pooled([flights[1], other])
 
 

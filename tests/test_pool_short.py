@@ -83,7 +83,7 @@ def test_a_flight_that_is_given_twice_counts_once(flights: list[Simulation], poo
     """Under another name it is still the same rates and torque: the interval is that of the five."""
     again = analyze_pooled([*flights, flights[0]])
     assert [bool(each.same_as) for each in again.pooled] == [False] * 5 + [True]
-    assert "another one" in {one.code: one for one in again.diagnosis.findings}["QL107"].title
+    assert "another log" in {one.code: one for one in again.diagnosis.findings}["QL107"].title
     ends = [each.identification.recommended.entries[("p_dot", "L")].ci95 for each in (pooled, again)]  # type: ignore[union-attr]
     assert ends[0] == ends[1]
 

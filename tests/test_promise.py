@@ -201,7 +201,9 @@ def test_one_weak_motor_is_recognised_by_its_coupling(promise: Promise, followed
     found = check(promise, with_entry(followed, ("q_dot", "L"), 1.0, 0.05 * gain))
     assert {one.kind for one in found.vehicle_changes} == {QuantityKind.COUPLING}
     assert found.outcome is Outcome.BROKEN
-    assert any("find it before you fly again" in line for line in check_lines(promise, followed, found))
+    assert any(
+        "find out what changed before you fly again" in line for line in check_lines(promise, followed, found)
+    )
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def test_of_two_flights_that_differ_neither_is_the_outlier() -> None:
     found = repeat(flights([440.0, 500.0]))
     assert found.verdict == "differ"
     assert roll_of(found).outliers == ()
-    assert "no single one is the outlier" in headline(found)
+    assert "no single flight is the outlier" in headline(found)
     assert "flight0.bin" in headline(found)
     assert "flight1.bin" in headline(found)
 
@@ -147,7 +147,7 @@ def test_a_flight_that_is_given_twice_counts_once() -> None:
     """Under another name it is still the same rates and torque."""
     found = repeat([*flights([440.0, 442.0]), replace(flights([440.0])[0])])
     assert len(roll_of(found).estimates) == 2
-    assert found.reasons[2]["roll"] == "it holds the same flight as log 1"
+    assert found.reasons[2]["roll"] == "it repeats the flight of log 1"
 
 
 def test_a_refused_flight_is_left_out_and_says_why() -> None:
@@ -177,7 +177,7 @@ def test_newton_metres_and_commands_are_not_compared() -> None:
     one, two = flown(0), flown(1)
     assert two.data.input is not None
     other = replace(two, data=replace(two.data, input=replace(two.data.input, unit="N m", kind="torque_n_m")))
-    with pytest.raises(SettingsError, match="not the same quantity"):
+    with pytest.raises(SettingsError, match="a normalised command"):
         repeat([one, other])
 
 

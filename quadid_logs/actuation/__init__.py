@@ -93,9 +93,9 @@ def _torques(
     mistrust = []
     if not rebuilt.trusted and rebuilt.check is not None:
         mistrust.append(
-            f"The recomputed pulse widths miss the logged ones by {rebuilt.check.typical_us:.1f} us (one "
-            "sigma): the mixer of this firmware, or the rows of the log, are not what is computed here, so "
-            "the torque is taken as it was commanded."
+            f"The recomputed pulse widths differ from the logged ones by {rebuilt.check.typical_us:.1f} us "
+            "(one sigma). This firmware mixes in another way, or the rows do not fit together. The torque "
+            "is taken as it was commanded."
         )
     in_metres = scaled.position is not None
     model = TorqueModel(

@@ -118,7 +118,8 @@ def with_rotors(found: Airframe | Unknown, vehicle: Vehicle | None) -> Airframe 
             spin=spin,
             in_metres=True,
             remarks=(
-                f"{found.remark} The mixing is unknown; the rotors of the vehicle file are only drawn.",
+                f"{found.remark} How commands are mixed to motors is unknown, so the rotors of the vehicle "
+                "file are only drawn.",
             ),
         )
     if found.n_rotors != len(spin):

@@ -242,7 +242,8 @@ def _thrust(airframe: Airframe, given: Vehicle, hover: _Hover | None) -> _Thrust
         ratio = hover.newton / newton
         odd = math.isfinite(ratio) and not _HOVER_RANGE[0] <= ratio <= _HOVER_RANGE[1]
         refused = (
-            f"{airframe.thrust_source} ({newton:.3g} N) is not used: the weight needs {ratio:.2f} times that."
+            f"{airframe.thrust_source} ({newton:.3g} N) is not used: carrying the weight needs {ratio:.2f} "
+            "times that."
         )
         return _Thrust(
             route="mass times specific force over the flight",

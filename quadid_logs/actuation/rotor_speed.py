@@ -81,18 +81,22 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
         return RotorSpeed()
     columns = [channel - 1 for channel in airframe.channels] or list(range(airframe.n_rotors))
     if reference is None or max(columns) >= signal.n_columns:
-        return RotorSpeed(verdict=f"{signal.source}: {signal.n_columns} speeds fit no known motors")
+        return RotorSpeed(
+            verdict=(
+                f"{signal.source}: not used, {signal.n_columns} speeds do not match the number of motors"
+            )
+        )
     speed = signal.values[:, columns]
     believable = np.asarray(((speed > _SPEEDS[0]) & (speed < _SPEEDS[1])).all(axis=1), dtype=np.bool_)
     up = np.asarray(log.flown(signal.time_s, np.nan_to_num(speed).mean(axis=1)) & believable, np.bool_)
     if np.count_nonzero(up) < _FEW_ROWS or np.ptp(speed[up]) < _LEAST_SPREAD * speed[up].mean():
-        return RotorSpeed(verdict=f"{signal.source}: zero or constant in flight, not used")
+        return RotorSpeed(verdict=f"{signal.source}: not used, zero or constant in flight")
     some = np.flatnonzero(up)
     # Choose as many rows as tell an age and a lag.
     some = some[slice(None, None, max(1, len(some) // _ENOUGH_ROWS))]
     match = _match(speed[some], _commanded_speed, signal.time_s[some], reference)
     if _is_computed(speed[some], signal.time_s[some], reference, match.likeness):
-        return RotorSpeed(verdict=f"{signal.source}: computed from the command, not measured; not used")
+        return RotorSpeed(verdict=f"{signal.source}: not used, computed from the command instead of measured")
     if match.likeness < _UNLIKE:
         return RotorSpeed(
             verdict=f"{signal.source}: not used, it does not follow the commanded thrust "
@@ -100,14 +104,16 @@ def from_rotor_speed(log: CleanLog, airframe: Airframe, reference: MotorSeries |
         )
     if match.likeness < _TOLD and reference.base.rate_hz < _LEAST_HZ:
         return RotorSpeed(
-            verdict=f"{signal.source}: not used, commands at {number(reference.base.rate_hz, 3)} Hz do not "
-            f"tell their scale (correlation {match.likeness:.2f})"
+            verdict=(
+                f"{signal.source}: not used, commands at {number(reference.base.rate_hz, 3)} Hz are too "
+                f"slow to show their scale (correlation {match.likeness:.2f})"
+            )
         )
     rates_hz = (reference.base.rate_hz, *(each.rate_hz for each in log.sources("torque_command")))
     needed_hz = max(_MOST_LOST * min(max(rates_hz), _FAST_HZ), _LEAST_HZ)
     fast = signal.rate_hz >= needed_hz
     flown, needed = (number(each, 3) for each in (signal.rate_hz, needed_hz))
-    use = "" if fast else f"; {flown} Hz are too slow for the input, {needed} Hz are needed"
+    use = "" if fast else f"; logged at {flown} Hz, too slowly for the model's input, which needs {needed} Hz"
     return RotorSpeed(
         verdict=f"{signal.source}: follows the commanded thrust (correlation {match.likeness:.3f}){use}",
         series=_of_speed(signal, speed, up, airframe, _Commanded.of(reference, match)),
@@ -167,7 +173,7 @@ def _of_speed(
         saturated=None,
         flown=flown,
         source=f"{signal.source} squared",
-        reason="measured rotor speeds: lag, battery, thrust curve and saturation are in them",
+        reason="measured rotor speeds, which include lag, battery, thrust curve and saturation",
         achieved=True,
     )
 

@@ -33,11 +33,13 @@ class Folders:
 
     def __init__(self, allowed: Sequence[Path]) -> None:
         if not allowed:
-            raise SettingsError("No folder may be read.", hint="Give --allow FOLDER, once or more.")
+            raise SettingsError(
+                "No folder may be read.", hint="Start the server with --allow FOLDER, once for each folder."
+            )
         for folder in allowed:
             if not folder.is_dir():
                 raise SettingsError(
-                    f"{printable(folder, _LONGEST_NAME)} is no folder.", hint="Give a folder."
+                    f"{printable(folder, _LONGEST_NAME)} is not a folder.", hint="Give a folder."
                 )
         self._allowed = tuple(folder.resolve(strict=True) for folder in allowed)
 
@@ -56,7 +58,7 @@ class Folders:
         if found is None or not any(found.is_relative_to(one) for one in self._allowed):
             folders = ", ".join(printable(one, _LONGEST_NAME) for one in self._allowed)
             raise SettingsError(
-                f"{printable(asked, _LONGEST_NAME)} is nothing in the folders that may be read.",
+                f"{printable(asked, _LONGEST_NAME)} is not in a folder that may be read.",
                 hint=f"These are {folders}.",
             )
         return found
@@ -162,7 +164,8 @@ def explain(code: str) -> Answer:
     entry = CATALOGUE.get(asked) or CATALOGUE.get(f"QL{asked}")
     if entry is None:
         raise SettingsError(
-            f"There is no finding {printable(code, 40)}.", hint="Codes are QL and three digits, as QL303."
+            f"There is no finding {printable(code, 40)}.",
+            hint="A code is QL and three digits, such as QL303.",
         )
     return {"code": entry.code, "title": entry.title, "meaning": entry.meaning, "what_to_do": entry.advice}
 

@@ -13,9 +13,9 @@ from quadid_logs.extra import load
 from quadid_logs.version import __version__
 
 _INSTRUCTIONS = (
-    "Flight logs of multirotors into a rotational model with 95 % intervals, margins and next gains. "
-    "Read `verdict` first: a refused axis has no number to quote. Every refusal has a code; `explain` tells "
-    "what it means and what to fly or set next. Quote intervals with their values."
+    "Identifies a rotational model with 95 % intervals, margins and next gains from multirotor flight "
+    "logs. Read `verdict` first: a refused axis has no number to quote. Every refusal has a code. "
+    "`explain` says what a code means and what to fly or set next. Quote intervals with their values."
 )
 
 

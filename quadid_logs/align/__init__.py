@@ -248,13 +248,17 @@ def check_part(logs: Sequence[Prepared], settings: AlignSettings) -> None:
     if in_part_s >= min(LEAST_FLIGHT_S, sum(map(_length_s, flights))) > 0.0:
         return
     first = timed[0]
-    held = f"{in_part_s:.1f} s of flight, and {LEAST_FLIGHT_S:g} s are needed" if in_part_s else "no flight"
+    held = (
+        f"{in_part_s:.1f} s of flight, less than the {LEAST_FLIGHT_S:g} s that are needed"
+        if in_part_s
+        else "no flight"
+    )
     start_s, end_s = _span(first.clean.clock)
     flown = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in first.flights[:6])
     raise SettingsError(
         f"The part {chosen} holds {held}: the log runs from {start_s:.1f} to {end_s:.1f} s"
         f"{f', flown {flown}' if flown else ''}.",
-        hint="Give --start-s and --end-s on the log's clock, as `quadid-log info LOG` shows it.",
+        hint="Give --start-s and --end-s on the log's clock: `quadid-log info LOG` shows it.",
     )
 
 

@@ -31,8 +31,8 @@ _LIFTING, _LIFT_S = 0.5, 0.5
 #: Averages over a fifth of a second leave under a tenth of this of a gyro's noise on a bench; a vehicle
 #: that hovers by itself turns three times as much and more [deg/s rms].
 _STILL_DEG_S, _STILL_S = 0.3, 0.2
-_TOO_SHORT = "the vehicle was never in the air for two seconds at a time"
-_BENCH = "the rotors ran, but the vehicle did not turn, as on a bench"
+_TOO_SHORT = "the vehicle was never in the air for two seconds without a break"
+_BENCH = "the rotors ran, but the vehicle did not move, as on a bench"
 
 
 class Flights(NamedTuple):
@@ -67,7 +67,7 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
         Trimmed by a second at both ends, where the ground still pushes.
     """
     if not span[1] > span[0]:
-        return Flights((), "the log covers no time")
+        return Flights((), "all rows of the log have the same time")
     # Times at which the clock jumped far ahead hold no samples, and shall cost no more than those that do:
     # slow evidence comes once a second, which is ten points a sample.
     n_samples = max((each.n_samples for each in series.values()), default=0)

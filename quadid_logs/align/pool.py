@@ -47,13 +47,12 @@ def pool(flights: Sequence[FlightData]) -> FlightData:
             raise SettingsError(
                 f"The logs were resampled to {1.0 / first.sample_period_s:.4g} and "
                 f"{1.0 / other.sample_period_s:.4g} Hz.",
-                hint="Give one --sample-rate-hz for all.",
+                hint="Set one rate for all logs with --sample-rate-hz.",
             )
         if first.input is None or other.input is None or first.input.unit != other.input.unit:
             raise SettingsError(
-                "The torque of the logs is not the same quantity: N m in one, a normalised command in the "
-                "other.",
-                hint="Pool logs of one vehicle and one kind of logging.",
+                "One log holds torque in N m, the other a normalised command.",
+                hint="Pool only logs of one vehicle that were logged in the same way.",
             )
         shift_s = end_s + _BETWEEN_S - other.start_s
         end_s += _BETWEEN_S + other.duration_s

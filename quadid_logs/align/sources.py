@@ -92,8 +92,8 @@ def describe(
     else:
         passed = candidates[0]
         reason = (
-            f"{series.reason or 'next in preference'}; {passed.source} is preferred "
-            f"but has only {passed.rate_hz:.3g} Hz"
+            f"{series.reason or 'next in preference'}; {passed.source} is preferred but was logged at only "
+            f"{passed.rate_hz:.3g} Hz"
         )
     return SourceChoice(
         signal=series.name,

@@ -102,7 +102,7 @@ class Analysis(Result):
         if self.closed_loop is None:
             raise EmptyLogError(
                 "The loop cannot be closed: there is no model, or the log does not describe the controller.",
-                hint="Parameters of the autopilot and its rate set-points must be in the log.",
+                hint="Use a log that holds the autopilot's parameters and its rate set-points.",
             )
         return self.closed_loop
 
@@ -191,8 +191,8 @@ def analyze(
     if isinstance(log, Result):
         if settings is not None or vehicle is not None or structure:
             raise SettingsError(
-                "A result is analyzed already: settings, vehicle and structure cannot change it.",
-                hint="Give the log itself, by its path or as the .log of the result.",
+                "This result was analyzed already: settings, vehicle and structure cannot change it.",
+                hint="Give the log itself: its path, or the .log of the result.",
             )
         return log if isinstance(log, Analysis) else _analysis(log, None)
     chosen, own = _settings(settings, structure)

@@ -132,7 +132,7 @@ class IdentifiedModel(Model):
             raise SettingsError(
                 f"The model's torque is in {_spoken(self.unit, self.autopilot)}, "
                 f"the other flight's in {_spoken(unit, autopilot)}.",
-                hint="Describe the vehicle in both analyses (vehicle=), so that both are in N m.",
+                hint="Describe the vehicle in both analyses (vehicle=): both are then in N m.",
             )
         validation, series = predict_flight(self, self.terms, data, self.thrust_curve)
         return FlightPrediction(validation=validation, series=series)
@@ -176,7 +176,7 @@ class IdentifiedModel(Model):
         wanted_s = identified_s if delay_s is None else delay_s
         if pade_order < 0 or not 0.0 <= wanted_s < math.inf:
             raise SettingsError(
-                f"There is no delay of {wanted_s:g} s in order {pade_order}.",
+                f"A delay of {wanted_s:g} s with Padé order {pade_order} is not possible.",
                 hint="Give pade_order and delay_s of 0 or more.",
             )
         system = _Linear(*rate_matrices(self), np.eye(3), np.zeros((3, 3)), RATE_SYMBOLS)
@@ -235,15 +235,16 @@ class IdentifiedModel(Model):
         True
         """
         if axis not in AXES:
-            raise SettingsError(f"There is no axis {axis!a}.", hint=f"Choose of {', '.join(AXES)}.")
+            raise SettingsError(f"There is no axis {axis!a}.", hint=f"Choose from {', '.join(AXES)}.")
         if n_draws < 1 or seed < 0:
-            raise SettingsError("n_draws must be 1 or more, and seed 0 or more.")
+            raise SettingsError("n_draws must be at least 1, and seed at least 0.")
         plant = None
         if self.posterior is not None:
             plant = draw(self.posterior, AXES.index(axis), 0.0, n_draws, seed=seed)
         if plant is None:
             raise EmptyLogError(
-                f"The flight shows too little of {axis} to draw vehicles.", hint="See .diagnosis.findings."
+                f"The flight shows too little of {axis} to draw plant samples.",
+                hint="See .diagnosis.findings.",
             )
         # The first of them is the estimate itself.
         drawn = plant.at(slice(1, None))

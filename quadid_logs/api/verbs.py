@@ -386,5 +386,7 @@ def _promise(
     before = _analyzed(promised, settings, vehicle)
     found = promise.promise_of(before, tuning.tuning_of(before), provenance_of(before.log.path).log_sha256)
     if found is None:
-        raise SettingsError("The flight before promises nothing.", hint="See what tune(...) says of it.")
+        raise SettingsError(
+            "The earlier flight has no promise to check.", hint="See what tune(...) says about it."
+        )
     return found

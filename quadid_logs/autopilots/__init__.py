@@ -114,7 +114,7 @@ class Autopilot:
         """Tell the frame, its motors and outputs from a log's parameters."""
         from quadid_logs.actuation.airframe import Unknown
 
-        return Unknown(remark="The log names no autopilot, so no frame either.")
+        return Unknown(remark="The log names neither autopilot nor frame.")
 
     def rebuild(self, log: CleanLog, airframe: Airframe) -> Rebuilt:  # noqa: ARG002
         """Rebuild what the motors did from commands and outputs."""
@@ -299,7 +299,7 @@ def _loaded(entry: metadata.EntryPoint) -> Autopilot:
             f"The autopilot {entry.name} of {package} cannot be loaded: {error}.", hint=hint
         ) from error
     if not isinstance(autopilot, Autopilot):
-        raise SettingsError(f"The entry point {entry.name} of {package} names no Autopilot.", hint=hint)
+        raise SettingsError(f"The entry point {entry.name} of {package} is not an Autopilot.", hint=hint)
     return autopilot
 
 

@@ -56,16 +56,16 @@ def main(argv: list[str] | None = None) -> int:
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115 - for as long as we run
     if sys.stdout is None:
-        report_problem("error: standard output is closed; send it to a file, or to /dev/null.")
+        report_problem("error: standard output is closed. Send the output to a file, or to /dev/null.")
         return 2
     try:
         code = exit_code_of(lambda: _dispatch(arguments))
         return code or exit_code_of(_flushed)
     except KeyboardInterrupt:
-        report_problem("interrupted; nothing was left half-written.")
+        report_problem("interrupted: no file was left half-written.")
         return _INTERRUPTED
     except TerminatedError:
-        report_problem("ended from outside; nothing was left half-written.")
+        report_problem("ended from outside: no file was left half-written.")
         return _TERMINATED
     except ReaderGoneError:
         return 141

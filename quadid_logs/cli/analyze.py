@@ -88,41 +88,46 @@ def analyze(
         typer.Option(
             "--structure",
             metavar="NAME",
-            help="Recommend this structure, whatever fits best.",
+            help="Recommend this structure, even if another one fits better.",
             autocompletion=structures,
         ),
     ] = "",
     start_s: StartS = None,
     end_s: EndS = None,
     sample_rate_hz: Annotated[
-        float, typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0 chooses.")
+        float,
+        typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0: chosen from the log."),
     ] = 0.0,
     window: Annotated[
-        int, typer.Option("--window", metavar="N", help="Samples per window; 0 takes as many as unknowns.")
+        int, typer.Option("--window", metavar="N", help="Samples per window; 0: as many as unknowns.")
     ] = 0,
     stride: Annotated[
-        int, typer.Option("--stride", metavar="N", help="Samples from window to window; 0 takes every one.")
+        int,
+        typer.Option(
+            "--stride", metavar="N", help="Samples from one window to the next; 0: every sample starts one."
+        ),
     ] = 0,
     band: Band = None,
     system: System = 0,
     log_number: LogNumber = 0,
     axes: AxisNames = "",
-    pool: Annotated[bool, typer.Option("--pool", help="Pool all logs into one model.")] = False,
+    pool: Annotated[bool, typer.Option("--pool", help="Fit one model to all logs.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json to stdout.")] = False,
     png: Annotated[
         _Png,
         typer.Option(
             "--png",
-            help="Figures as PNG beside report.html, which holds every one: a summary, all of them, or none.",
+            help="Figures to write as PNG: a summary, all, or none. report.html always holds all of them.",
         ),
     ] = _Png.summary,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write neither HTML nor PNG.")] = False,
     open_report: Annotated[
-        bool, typer.Option("--open", help="Open the report, or the index page of several, in the browser.")
+        bool,
+        typer.Option("--open", help="Open the report in the browser, or the index page of several reports."),
     ] = False,
     quiet: Annotated[
-        bool, typer.Option("-q", "--quiet", help="Print problems only, refused axes too.")
+        bool, typer.Option("-q", "--quiet", help="Print only problems, refused axes among them.")
     ] = False,
 ) -> int:
     """Identify the rotational model of each log and write a report; several logs get an index page too.
@@ -180,7 +185,7 @@ def analyze(
         # A line for each log, those that could not be read too.
         lines = [
             rows.get(folder)
-            or IndexRow(name=printable(log, 160), summary="could not be read; the command said why")
+            or IndexRow(name=printable(log, 160), summary="could not be read: see the message of the command")
             for log, folder in zip(logs, folders, strict=True)
         ]
         write_beside(parent / INDEX_FILE, index_page(lines).encode())
@@ -264,6 +269,7 @@ def _say_result(result: Result, folder: Path, wish: _Wish) -> None:
     judged = _judged(result, wish)
     if not wish.axes and _refused(result) - {*judged}:
         say(
-            f"  The flight swept {listed(judged)}: the exit code judges no other axis. --axes chooses others."
+            f"  The flight swept {listed(judged)}: the exit code is judged on that alone. --axes chooses "
+            "other axes."
         )
     say(f"  {'report' if wish.drawings else 'result'}: {written}")

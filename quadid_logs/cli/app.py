@@ -37,7 +37,10 @@ def make_app(first: str = "") -> typer.Typer:
     Plain help without rich: it starts at once, and reads the same in a pipe.
     """
     app = typer.Typer(
-        help="A multirotor's flight log in, a rotational state-space model with error bars out.",
+        help=(
+            "From a multirotor's flight log: a rotational state-space model with intervals, margins, and "
+            "gains."
+        ),
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
         no_args_is_help=False,

@@ -19,13 +19,13 @@ _EXIT_CODES = {"kept": 0, "broken": 1, "not comparable": 3}
 
 
 def check(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="The flight with the recommended gains.")],
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of the flight with the recommended gains.")],
     promise: Annotated[
         Path,
         typer.Option(
             "--promise",
             metavar="FILE",
-            help="promise.json of the previous flight, or its folder.",
+            help="promise.json of the previous flight, or the folder that holds it.",
         ),
     ],
     vehicle: VehicleFile = None,

@@ -23,14 +23,17 @@ _FILES = (_JSON, _PAGE, _PNG, _LOOP_PNG)
 
 
 def compare(
-    before: Annotated[Path, typer.Argument(metavar="BEFORE", help="The flight to compare with.")],
-    after: Annotated[Path, typer.Argument(metavar="AFTER", help="The flight after the change.")],
+    before: Annotated[Path, typer.Argument(metavar="BEFORE", help="Log of the flight before the change.")],
+    after: Annotated[Path, typer.Argument(metavar="AFTER", help="Log of the flight after the change.")],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_PAGE}, {_JSON} and PNG."),
+        typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_PAGE}, {_JSON} and PNG files."),
     ] = None,
     vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="The vehicle of both flights.")
+        Path | None,
+        typer.Option(
+            "--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle of both flights."
+        ),
     ] = None,
     start_s: StartS = None,
     end_s: EndS = None,
@@ -40,7 +43,7 @@ def compare(
         typer.Option(
             "--logs",
             metavar="N M",
-            help="For files that hold several logs: the number in BEFORE, then in AFTER.",
+            help="If the files hold several logs: the number in BEFORE, then in AFTER.",
         ),
     ] = (0, 0),
     system: System = 0,

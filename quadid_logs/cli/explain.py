@@ -21,7 +21,7 @@ def explain(
         str,
         typer.Argument(
             metavar="[CODE]",
-            help="A finding's code, as QL303 or 303; without one, all are listed.",
+            help="Code of a finding, such as QL303 or 303. Without a code, all are listed.",
             autocompletion=finding_codes,
         ),
     ] = "",
@@ -38,7 +38,7 @@ def explain(
     entry_or_none = CATALOGUE.get(asked) or CATALOGUE.get(f"QL{asked}")
     if entry_or_none is None:
         close = difflib.get_close_matches(asked, CATALOGUE, n=1)
-        hint = f"Did you mean {close[0]}?" if close else "`quadid-log explain` lists them all."
+        hint = f"Did you mean {close[0]}?" if close else "`quadid-log explain` lists all codes."
         raise SettingsError(f"There is no finding {printable(code, 40)!r}.", hint=hint)
     entry = entry_or_none
     say(f"{entry.code}: {entry.title}")

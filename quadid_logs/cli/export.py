@@ -22,26 +22,37 @@ if TYPE_CHECKING:
 
 
 def export(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Flight log, recognised by its content.")],
+    log: Annotated[
+        Path,
+        typer.Argument(metavar="LOG", help="Flight log. The content decides its format, not its name."),
+    ],
     output: Annotated[
         Path,
         typer.Option(
             "-o",
             "--output",
             metavar="FILE",
-            help="The ending says the format: .csv, .parquet, .mat; with --model .mat, .py, .sdf, .json.",
+            help=(
+                "File to write. Its ending chooses the format: .csv, .parquet, .mat; with --model .mat, "
+                ".py, .sdf, .json."
+            ),
         ),
     ],
     model: Annotated[
         bool,
         typer.Option(
             "--model",
-            help="Export the model: MATLAB, python-control, Gazebo's inertia (.sdf), SITL's frame (.json).",
+            help=(
+                "Export the model for MATLAB (.mat), python-control (.py), Gazebo (.sdf, inertia) or SITL "
+                "(.json, frame)."
+            ),
         ),
     ] = False,
     vehicle: Annotated[
         Path | None,
-        typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust: for N m and kg m^2."),
+        typer.Option(
+            "--vehicle", metavar="FILE.toml", help="Mass, arms, thrust: gives results in N m and kg m^2."
+        ),
     ] = None,
     start_s: StartS = None,
     end_s: EndS = None,
@@ -50,7 +61,8 @@ def export(
         typer.Option("--band", metavar="LOW HIGH", help="With --model: fit from LOW to HIGH [Hz]."),
     ] = None,
     sample_rate_hz: Annotated[
-        float, typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0 chooses.")
+        float,
+        typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0: chosen from the log."),
     ] = 0.0,
     system: System = 0,
     log_number: LogNumber = 0,
@@ -114,6 +126,6 @@ def _export_model(
     refused = refused_names(result)
     if refused:
         report_problem(
-            f"{listed(refused)} of this model must not be trusted; `{on_log(result, 'analyze')}` says why."
+            f"Do not trust {listed(refused)} of this model: `{on_log(result, 'analyze')}` says why."
         )
     return 1 if refused else 0

@@ -35,7 +35,7 @@ def exit_code_of(action: Callable[[], int]) -> int:
         # What the system refused: a full disk, a lost network drive, an output that nobody takes.
         what = error.strerror or str(error) or type(error).__name__
         where = f" ({error.filename})" if error.filename is not None else ""
-        told = f"{what}{where}. Check the disk, the temporary folder, and where the output goes."
+        told = f"{what}{where}. Check the disk, the temporary folder and the output folder."
         _report(f"error: {told}")
     except Exception as error:  # noqa: BLE001 - the one place that must let nothing through
         usage = getattr(error, "format_message", None)
@@ -45,8 +45,8 @@ def exit_code_of(action: Callable[[], int]) -> int:
             _report(f"error: {usage().removesuffix('.')}. See `{verb} --help`.")
         else:
             _report(
-                f"error: unexpected {type(error).__name__}: {error}. This is a bug in quadid-logs; please "
-                "report it with the log. QUADID_DEBUG=1 shows the details."
+                f"error: unexpected {type(error).__name__}: {error}. This is a bug in quadid-logs: please "
+                "report it with the log. Set QUADID_DEBUG=1 to see the details."
             )
     return 2
 

@@ -34,14 +34,14 @@ def fetch(
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the logs.")
     ] = Path("logs"),
     as_list: Annotated[bool, typer.Option("--list", help="List the logs and fetch none.")] = False,
-    last: Annotated[bool, typer.Option("--last", help="Fetch the last log, as without an option.")] = False,
+    last: Annotated[bool, typer.Option("--last", help="Fetch the last log: the default.")] = False,
     number: Annotated[int, typer.Option("-n", metavar="N", min=1, help="Fetch the last N logs.")] = 1,
     every: Annotated[bool, typer.Option("--all", help="Fetch all logs.")] = False,
     since: Annotated[
-        str, typer.Option("--since", metavar="YYYY-MM-DD", help="Fetch the logs of this day (UTC) and later.")
+        str, typer.Option("--since", metavar="YYYY-MM-DD", help="Fetch the logs from this day (UTC) on.")
     ] = "",
     analyze: Annotated[
-        bool, typer.Option("--analyze", help="Analyze what was fetched, as the verb does.")
+        bool, typer.Option("--analyze", help="Analyze the fetched logs, as `analyze` does.")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace files of the same name.")] = False,
 ) -> int:
@@ -52,7 +52,7 @@ def fetch(
     """
     if sum((as_list, last or number > 1, every, bool(since))) > 1:
         raise SettingsError(
-            "--list, --last (and -n), --all and --since exclude each other.", hint="Give one of them."
+            "Only one of --list, --last (or -n), --all and --since can be given.", hint="Give one of them."
         )
     day = _day(since)
     from quadid_logs.link.fetch import Logs
@@ -65,7 +65,7 @@ def fetch(
             return 0
         chosen = logs.logs if every else logs.logs[-number:] if day is None else logs.since(day)
         if not chosen:
-            report_problem(f"no log is of {since} or later.")
+            report_problem(f"there is no log from {since} or later.")
             return 0
         # A log that fails costs itself, but a link that fails twice in a row is gone.
         fetched: list[Path] = []
@@ -78,7 +78,7 @@ def fetch(
                 if len(chosen) == 1 or (broken and isinstance(error, LinkError)):
                     raise
                 broken = isinstance(error, LinkError)
-                report_problem(f"{printable(each_log.name)} is not fetched. {error}")
+                report_problem(f"{printable(each_log.name)} was not fetched. {error}")
     failed = 0 if len(fetched) == len(chosen) else 2
     if not analyze or not fetched:
         return failed
@@ -92,7 +92,7 @@ def _day(text: str) -> datetime | None:
     try:
         return datetime.strptime(text, "%Y-%m-%d").replace(tzinfo=UTC) if text else None
     except ValueError:
-        raise SettingsError(f"{printable(text, 40)} is no day.", hint="Write it as 2026-05-31.") from None
+        raise SettingsError(f"{printable(text, 40)} is not a date.", hint="Write it as 2026-05-31.") from None
 
 
 def _fetch(logs: Logs, log: RemoteLog, folder: Path, *, force: bool) -> Path:

@@ -30,43 +30,65 @@ NOTHING_USABLE = 4
 def fleet(
     places: Annotated[
         list[str],
-        typer.Argument(metavar="PATH_OR_URL...", help="Files, folders, patterns, URLs (s3://bucket/folder)."),
+        typer.Argument(
+            metavar="PATH_OR_URL...", help="Logs: files, folders, patterns or URLs (s3://bucket/folder)."
+        ),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="STORE", help="Folder of the store.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="STORE", help="Folder of the store with the results.")
+    ],
     workers: Annotated[
-        int, typer.Option("--workers", metavar="N", help="Local processes; 0 takes one per core.")
+        int, typer.Option("--workers", metavar="N", help="Local processes; 0: one per core.")
     ] = 0,
     scheduler: Annotated[
-        str, typer.Option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, as tcp://host:8786.")
+        str,
+        typer.Option(
+            "--scheduler", metavar="ADDRESS", help="Address of a Dask scheduler, such as tcp://host:8786."
+        ),
     ] = "",
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on: skip what the store holds, try lost logs again.")
+        bool,
+        typer.Option("--resume", help="Continue a run: skip logs that the store holds, try lost logs again."),
     ] = False,
     vehicle_from: Annotated[
-        str, typer.Option("--vehicle-from", metavar="REGEX", help="The vehicle's name within path or URL.")
+        str,
+        typer.Option(
+            "--vehicle-from", metavar="REGEX", help="Pattern that finds the vehicle's name in path or URL."
+        ),
     ] = "",
     model_from: Annotated[
-        str, typer.Option("--model-from", metavar="REGEX", help="The model's name within path or URL.")
+        str,
+        typer.Option(
+            "--model-from", metavar="REGEX", help="Pattern that finds the model's name in path or URL."
+        ),
     ] = "",
     vehicle: Annotated[
         Path | None,
         typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of all vehicles."),
     ] = None,
     structure: Annotated[
-        str, typer.Option("--structure", metavar="NAME", help="Of all models: others do not compare.")
+        str,
+        typer.Option(
+            "--structure",
+            metavar="NAME",
+            help="Recommend this structure for all logs, so that they can be compared.",
+        ),
     ] = "damped",
     band: Band = None,
     reports: Annotated[
-        bool, typer.Option("--reports", help="Keep the report of every flight too (6 MB each).")
+        bool, typer.Option("--reports", help="Also keep the report of every flight (6 MB each).")
     ] = False,
     margins: Annotated[
-        bool, typer.Option("--margins", help="Stability margins and flown gains in every row too (slower).")
+        bool, typer.Option("--margins", help="Also store stability margins and flown gains (slower).")
     ] = False,
     max_mb: Annotated[
         float, typer.Option("--max-mb", metavar="MB", help="Largest file that is downloaded.")
     ] = 4000.0,
     timeout: Annotated[
-        float, typer.Option("--timeout", metavar="MINUTES", help="Longest time for one log; then it is lost.")
+        float,
+        typer.Option(
+            "--timeout", metavar="MINUTES", help="Longest time for one log; after that it counts as lost."
+        ),
     ] = 30.0,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")] = False,
 ) -> int:
@@ -90,7 +112,7 @@ def fleet(
 
     if workers < 0 or not max_mb > 0.0 or not 0.0 < timeout <= _LONGEST_MIN:
         raise SettingsError(
-            f"--workers and --max-mb cannot be negative, --timeout goes up to {_LONGEST_MIN:g}.",
+            f"--workers and --max-mb cannot be negative. --timeout is {_LONGEST_MIN:g} at most.",
             hint="Leave them out.",
         )
     options = Options(
@@ -147,7 +169,7 @@ class FleetProgress:
         """Show the tally, if the last time is a while ago."""
         if tally.dashboard and tally.dashboard != self._dashboard:
             self._dashboard = tally.dashboard
-            self._write(f"dashboard, for as long as this runs: {printable(tally.dashboard)}", stays=True)
+            self._write(f"dashboard while this runs: {printable(tally.dashboard)}", stays=True)
         now = time.monotonic()
         if now >= self._next_s and tally.n_done:
             self._next_s = now + (self._PERIOD_S if self._terminal else self._PIPE_PERIOD_S)

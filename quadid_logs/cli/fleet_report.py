@@ -18,7 +18,7 @@ _UNDECIDED = 3
 
 
 def fleet_report(
-    store: Annotated[Path, typer.Argument(metavar="STORE", help="A store that quadid-log fleet made.")],
+    store: Annotated[Path, typer.Argument(metavar="STORE", help="Store that `quadid-log fleet` made.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.html", help="The page.")] = Path(
         "fleet.html"
     ),

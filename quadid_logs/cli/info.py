@@ -17,7 +17,10 @@ from quadid_logs.errors import SeveralLogsError
 
 
 def info(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Flight log, recognised by its content.")],
+    log: Annotated[
+        Path,
+        typer.Argument(metavar="LOG", help="Flight log. The content decides its format, not its name."),
+    ],
     start_s: StartS = None,
     end_s: EndS = None,
     system: System = 0,

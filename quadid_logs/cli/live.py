@@ -50,18 +50,18 @@ def live(
     target: Annotated[
         float,
         typer.Option(
-            "--target", metavar="PERCENT", min=1.0, max=50.0, help="Half width of the 95 % interval to reach."
+            "--target", metavar="PERCENT", min=1.0, max=50.0, help="Half of the 95 % interval to reach [%]."
         ),
     ] = 5.0,
     no_analyze: Annotated[
         bool, typer.Option("--no-analyze", help="Record only; analyze the log later.")
     ] = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print a line of JSON for each update and event.")
+        bool, typer.Option("--json", help="Print one line of JSON for each update and event.")
     ] = False,
     open_page: Annotated[
         bool,
-        typer.Option("--open", help="Show the figures in the browser too, and the report after landing."),
+        typer.Option("--open", help="Also show the figures in the browser, and the report after landing."),
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the report of an earlier run.")] = False,
 ) -> int:
@@ -146,7 +146,7 @@ class _View:
             return self._flight.figures()
         except Exception as error:  # noqa: BLE001 - any failure here must leave the recording alone
             self._failed = True
-            teller.event(f"There are no live figures any more ({type(error).__name__}); recording goes on.")
+            teller.event(f"Live figures have stopped ({type(error).__name__}). The recording goes on.")
             return LiveFigures(target=self._target)
 
 
@@ -236,7 +236,7 @@ class _Teller:
             write_beside(self._page, content.encode())
         except QuadidError as error:
             self._page = None
-            self.event(f"There is no page any more: {error.args[0]}")
+            self.event(f"The live page is no longer written: {error.args[0]}")
             return
         if not self._opened:
             self._opened = True

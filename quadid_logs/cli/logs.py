@@ -31,7 +31,9 @@ def expanded(logs: Iterable[Path]) -> tuple[Path, ...]:
             continue
         matches = sorted(path for path in log.parent.glob(log.name) if path.is_file())
         if not matches:
-            raise LogNotFoundError(f"No file matches {printable(log)}.", hint="Check folder and ending.")
+            raise LogNotFoundError(
+                f"No file matches {printable(log)}.", hint="Check the folder and the file ending."
+            )
         found += matches
     return tuple(found)
 
@@ -46,7 +48,10 @@ def check_log(log: Path) -> None:
     if log.is_dir():
         raise LogNotFoundError(
             f"{printable(log)} is a folder.",
-            hint=f"Name the logs in it, or run `{command('fleet', named(str(log)), '-o', 'STORE')}`.",
+            hint=(
+                "Name the logs in it, or analyze all of them with "
+                f"`{command('fleet', named(str(log)), '-o', 'STORE')}`."
+            ),
         )
     if log.exists():
         return

@@ -38,8 +38,8 @@ def of_longest(log: Path, settings: Settings, read: Callable[[Settings], _T]) ->
         return read(settings)
     except SeveralLogsError as several:
         report_problem(
-            f"{printable(log.name)} holds {len(several.logs)} logs. Log {several.longest}, the longest "
-            f"({several.durations_s[several.longest]:.1f} s), is analyzed. Choose another one with --log N; "
+            f"{printable(log.name)} holds {len(several.logs)} logs. The longest one, log {several.longest} "
+            f"({several.durations_s[several.longest]:.1f} s), is analyzed. Choose another one with --log N: "
             "info lists them."
         )
         settings = replace(settings, log=several.longest)

@@ -11,7 +11,11 @@ import typer
 def mcp(
     allow: Annotated[
         list[Path],
-        typer.Option("--allow", metavar="FOLDER", help="Folder that may be read; may be repeated."),
+        typer.Option(
+            "--allow",
+            metavar="FOLDER",
+            help="Folder with logs that may be read. Can be given several times.",
+        ),
     ],
 ) -> int:
     """Answer a language model's questions about logs: info, analyze, compare, explain, tune, plan, query.

@@ -19,24 +19,29 @@ if TYPE_CHECKING:
 StartS = Annotated[
     float | None,
     typer.Option(
-        "--start-s", metavar="S", help="Leave out everything before, on the log's clock as info shows it [s]."
+        "--start-s",
+        metavar="S",
+        help="Leave out everything before this time on the log's clock, which `info` shows [s].",
     ),
 ]
 EndS = Annotated[
     float | None,
-    typer.Option("--end-s", metavar="S", help="Leave out everything after, on the same clock [s]."),
+    typer.Option("--end-s", metavar="S", help="Leave out everything after this time on the log's clock [s]."),
 ]
 Band = Annotated[
     tuple[float, float] | None,
     typer.Option(
-        "--band", metavar="LOW HIGH", help="Fit from LOW to HIGH [Hz]; without it each log decides."
+        "--band", metavar="LOW HIGH", help="Fit from LOW to HIGH [Hz] [default: chosen from the log]."
     ),
 ]
 System = Annotated[
-    int, typer.Option("--system", metavar="ID", help="MAVLink system of the log to read; 0 chooses.")
+    int, typer.Option("--system", metavar="ID", help="MAVLink system to read; 0: chosen from the log.")
 ]
 LogNumber = Annotated[
-    int, typer.Option("--log", metavar="N", help="Which log of a file that holds several; info lists them.")
+    int,
+    typer.Option(
+        "--log", metavar="N", help="Number of the log, if the file holds several; `info` lists them."
+    ),
 ]
 VehicleFile = Annotated[
     Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
@@ -46,14 +51,16 @@ AxisNames = Annotated[
     typer.Option(
         "--axes",
         metavar="AXIS,...",
-        help="Axes that the flight is for, as roll,pitch: the exit code is theirs [default: those that the "
-        "log's system-identification mode swept, or all].",
+        help=(
+            "Axes that decide the exit code, such as roll,pitch [default: those that a "
+            "system-identification mode swept, or all]."
+        ),
         autocompletion=axes,
     ),
 ]
-OpenPage = Annotated[bool, typer.Option("--open", help="Open the page that is written in the browser.")]
+OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")]
-NoProgress = Annotated[bool, typer.Option("-q", "--quiet", help="Print the result only, no progress.")]
+NoProgress = Annotated[bool, typer.Option("-q", "--quiet", help="Print only the result, no progress.")]
 
 
 def settings_of(
@@ -101,6 +108,6 @@ def axes_of(text: str) -> tuple[str, ...]:
     for name in names:
         if name not in AXES:
             raise SettingsError(
-                f"There is no axis {printable(name, 40)!r}.", hint="Give some of roll,pitch,yaw."
+                f"There is no axis {printable(name, 40)!r}.", hint="Give one or more of roll,pitch,yaw."
             )
     return tuple(axis for axis in AXES if axis in names)

@@ -14,4 +14,4 @@ def open_page(page: Path, say: Callable[[str], None] = report_problem) -> None:
     import webbrowser
 
     if not webbrowser.open(page.resolve().as_uri()):
-        say(f"no browser could be opened; the page is {printable(page)}.")
+        say(f"no browser could be opened. Open the page yourself: {printable(page)}.")

@@ -38,7 +38,7 @@ def plan(
         typer.Option(
             "--autopilot",
             metavar="NAME",
-            help="Whose parameters to set [default: that of --like].",
+            help="Autopilot to plan for [default: that of --like].",
             autocompletion=autopilots,
             show_default=False,
         ),
@@ -49,14 +49,16 @@ def plan(
             "--axes",
             "--axis",
             metavar="AXIS,...",
-            help="Axes to plan for, as roll,pitch; may be repeated [default: all].",
+            help="Axes to plan for, such as roll,pitch; can be given several times [default: all].",
             autocompletion=axes,
         ),
     ] = None,
     firmware: Annotated[
         str | None,
         typer.Option(
-            "--firmware", metavar="VERSION", help="Of the autopilot, as 4.5 [default: a recent one]."
+            "--firmware",
+            metavar="VERSION",
+            help="Version of the autopilot, such as 4.5 [default: a recent one].",
         ),
     ] = None,
     like: Annotated[
@@ -64,7 +66,7 @@ def plan(
         typer.Option(
             "--like",
             metavar="LOG",
-            help="A log of the vehicle: the plan is made for its model, air, settings and firmware.",
+            help="Log of the vehicle: the plan is made for its model, air, settings and firmware.",
         ),
     ] = None,
     vehicle: Annotated[
@@ -80,7 +82,7 @@ def plan(
         typer.Option(
             "--propeller",
             metavar="INCHES",
-            help="Propeller diameter, where no log is given [default: 10].",
+            help="Propeller diameter, if no log is given [default: 10].",
             show_default=False,
         ),
     ] = 10.0,
@@ -89,7 +91,7 @@ def plan(
         typer.Option(
             "--air",
             metavar="AIR",
-            help="calm, breeze or wind [default: that of the log, a breeze without one].",
+            help="calm, breeze or wind [default: that of the log; without a log, a breeze].",
             show_default=False,
         ),
     ] = "",
@@ -98,13 +100,15 @@ def plan(
         typer.Option(
             "--interval",
             metavar="PERCENT",
-            help="Half width of the 95 % interval of the control effectiveness to plan for [default: 7.5].",
+            help="Half of the 95 % interval of the control effectiveness to plan for [default: 7.5].",
             show_default=False,
         ),
     ] = 7.5,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Folder for the card and the parameter files."),
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder for the flight card and the parameter files."
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier plan.")] = False,
@@ -134,7 +138,9 @@ def plan(
     make = partial(make_plan, vehicle=described, propeller_inch=propeller, air=air, wanted=interval / 100.0)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
     if like is None and settings != Settings():
-        raise SettingsError("These options choose from a log.", hint="Name it with --like LOG.")
+        raise SettingsError(
+            "These options choose a part of a log, and no log is given.", hint="Name it with --like LOG."
+        )
     if like is None and not autopilot:
         raise SettingsError(
             "The autopilot is not known.", hint="Name it with --autopilot, or give a flown log with --like."
@@ -156,7 +162,7 @@ def plan(
         if not flown.may_be_multirotor:
             raise SettingsError(
                 f"{printable(like)} is a log of {vehicle_words(flown.vehicle_type)}.",
-                hint="Plans are for multirotors: give a log of one, or leave --like out.",
+                hint="Plans are for multirotors. Give a log of one, or leave --like out.",
             )
         planned = make(flown.autopilot, chosen, version or flown.version, flown.parameters, known=known)
     texts = parameter_files(planned) | live_files(planned)
@@ -164,7 +170,7 @@ def plan(
     if output is not None:
         check_folder_free(output, (CARD_FILE, CARD_PAGE, *files), force=force)
     with Progress("plan", quiet=quiet) as progress:
-        progress("flying it in the simulator")
+        progress("simulating the flight")
         prediction = predict(planned, described)
     lines = card_lines(planned, prediction)
     if as_json:

@@ -17,28 +17,38 @@ from quadid_logs.errors import SettingsError
 def predict(
     logs: Annotated[
         list[Path],
-        typer.Argument(metavar="LOG...", help="Flights of one vehicle to learn from, two or more."),
+        typer.Argument(metavar="LOG...", help="Two or more flights of one vehicle to fit."),
     ],
     on: Annotated[
         list[Path],
-        typer.Option("--on", metavar="LOG", help="Flight to predict; once for each. None of it is fitted."),
+        typer.Option(
+            "--on",
+            metavar="LOG",
+            help="Flight to predict, which is not fitted. Can be given several times.",
+        ),
     ],
-    steps: Annotated[str, typer.Option("--steps", metavar="N,N", help="How many samples ahead.")] = "1,10,50",
+    steps: Annotated[str, typer.Option("--steps", metavar="N,N", help="Horizons in samples.")] = "1,10,50",
     sets: Annotated[
         str,
         typer.Option(
             "--sets",
             metavar="NAME,NAME",
-            help="Set of each LOG, in order: flights of one trajectory belong into one set.",
+            help="Set of each LOG, in order. Put flights of one trajectory into one set.",
         ),
     ] = "",
     vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="The vehicle of all flights.")
+        Path | None,
+        typer.Option(
+            "--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle of all flights."
+        ),
     ] = None,
     start_s: StartS = None,
     end_s: EndS = None,
     sample_rate_hz: Annotated[
-        float, typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0 chooses.")
+        float,
+        typer.Option(
+            "--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0: chosen from the logs."
+        ),
     ] = 0.0,
     system: System = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
@@ -84,6 +94,4 @@ def _numbers(steps: str) -> tuple[int, ...]:
     try:
         return tuple(int(each) for each in steps.split(","))
     except ValueError as error:
-        raise SettingsError(
-            f"--steps {steps!a} are no whole numbers.", hint="As in --steps 1,10,50."
-        ) from error
+        raise SettingsError(f"--steps {steps}: not whole numbers.", hint="As in --steps 1,10,50.") from error

@@ -32,9 +32,9 @@ _FORMULA = ("=", "+", "-", "@")
 
 
 def query(
-    store: Annotated[Path, typer.Argument(metavar="STORE", help="A store that quadid-log fleet made.")],
-    sql: Annotated[str, typer.Argument(metavar="SQL", help='The table is called "fleet".')],
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object per row.")] = False,
+    store: Annotated[Path, typer.Argument(metavar="STORE", help="Store that `quadid-log fleet` made.")],
+    sql: Annotated[str, typer.Argument(metavar="SQL", help='SQL query; the table is called "fleet".')],
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for each row.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values.")] = False,
 ) -> int:
     """Ask the store: "SELECT vehicle, avg(gain) FROM fleet WHERE axis = 'roll' GROUP BY vehicle".
@@ -45,7 +45,7 @@ def query(
     from quadid_logs.fleets.sql import ask
 
     if as_json and as_csv:
-        raise SettingsError("--json and --csv exclude each other.", hint="Give one of them.")
+        raise SettingsError("Only one of --json and --csv can be given.", hint="Give one of them.")
     answer = ask(store, sql)
     report_set_aside(answer.set_aside)
     write = _json_lines if as_json else _csv_lines if as_csv else _table_lines
@@ -57,7 +57,7 @@ def query(
 def report_set_aside(rows: Sequence[SetAside]) -> None:
     """Name the rows of a store that are not ours, so that nobody takes the rest for the whole."""
     for row in rows[:_MOST_NAMED]:
-        report_problem(f"a row of the store is skipped: {row.reason} (of {row.url})")
+        report_problem(f"a row of the store is skipped: {row.reason} ({row.url})")
     if len(rows) > _MOST_NAMED:
         report_problem(f"{len(rows) - _MOST_NAMED} more rows of the store are skipped")
 

@@ -26,14 +26,17 @@ _EXIT_CODES = {"agree": 0, "differ": 1, "not comparable": 3}
 
 def repeat(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="Flights of one vehicle in one state, two or more.")
+        list[Path], typer.Argument(metavar="LOG...", help="Two or more flights of one vehicle in one state.")
     ],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_PAGE}, {_JSON} and PNG."),
+        typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_PAGE}, {_JSON} and PNG files."),
     ] = None,
     vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="The vehicle of all flights.")
+        Path | None,
+        typer.Option(
+            "--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle of all flights."
+        ),
     ] = None,
     start_s: StartS = None,
     end_s: EndS = None,
@@ -59,7 +62,9 @@ def repeat(
 
     logs = list(expanded(logs))
     if len(logs) < 2:
-        raise SettingsError("One flight repeats nothing.", hint="Name two logs or more of one vehicle.")
+        raise SettingsError(
+            "One flight cannot be compared with itself.", hint="Name two logs or more of one vehicle."
+        )
     if output is not None:
         check_folder_free(output, _FILES, force=force)
     described = None if vehicle is None else read_vehicle(vehicle)

@@ -14,7 +14,13 @@ from quadid_logs.cli.failure import flush, report_problem, say
 def serve(
     port: Annotated[
         int | None,
-        typer.Option("--port", metavar="N", min=0, max=65535, help="0 takes a free one [default: 8723]."),
+        typer.Option(
+            "--port",
+            metavar="N",
+            min=0,
+            max=65535,
+            help="Port of the server; 0: a free one [default: 8723].",
+        ),
     ] = None,
     open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     store: Annotated[
@@ -25,25 +31,34 @@ def serve(
     ] = None,
     host: Annotated[
         str,
-        typer.Option("--host", metavar="ADDRESS", help="Let other machines in; needs QUADID_SERVE_TOKEN."),
+        typer.Option(
+            "--host",
+            metavar="ADDRESS",
+            help="Address to listen on, for other machines; needs QUADID_SERVE_TOKEN.",
+        ),
     ] = "",
     token: Annotated[
         str,
-        typer.Option("--token", envvar="QUADID_SERVE_TOKEN", hidden=True, help="What others must know."),
+        typer.Option(
+            "--token", envvar="QUADID_SERVE_TOKEN", hidden=True, help="Token that other machines must give."
+        ),
     ] = "",
     max_mb: Annotated[
-        float, typer.Option("--max-mb", metavar="MB", min=0.001, help="Largest log that is taken.")
+        float, typer.Option("--max-mb", metavar="MB", min=0.001, help="Largest log that is accepted.")
     ] = 4000.0,
     timeout_min: Annotated[
         float, typer.Option("--timeout", metavar="MIN", min=0.01, max=10_080.0, help="Longest analysis.")
     ] = 30.0,
     workers: Annotated[
-        int, typer.Option("--workers", metavar="N", min=0, help="Analyses at a time; 0 for one per core.")
+        int, typer.Option("--workers", metavar="N", min=0, help="Analyses at a time; 0: one per core.")
     ] = 0,
     idle_min: Annotated[
         float,
         typer.Option(
-            "--idle", metavar="MIN", min=0.0, help="End after so long without an open page or work; 0 never."
+            "--idle",
+            metavar="MIN",
+            min=0.0,
+            help="End after this time without an open page or work; 0: never.",
         ),
     ] = 120.0,
 ) -> int:
@@ -81,5 +96,5 @@ def _began(address: str, *, open_page: bool) -> None:
         import webbrowser
 
         if not webbrowser.open(address):
-            report_problem("no browser could be opened; open the address above.")
+            report_problem("no browser could be opened. Open the address above.")
     sys.stderr.flush()

@@ -22,15 +22,26 @@ if TYPE_CHECKING:
 
 def simulate(
     scenario: Annotated[
-        str, typer.Argument(metavar="SCENARIO", help="A name that --list shows.", autocompletion=scenarios)
+        str,
+        typer.Argument(
+            metavar="SCENARIO", help="Scenario, by a name that --list shows.", autocompletion=scenarios
+        ),
     ] = "",
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="FILE.(bin|ulg|bbl|tlog|usd)", help="The ending says the format."
+            "-o",
+            "--output",
+            metavar="FILE.(bin|ulg|bbl|tlog|usd)",
+            help="File to write. Its ending chooses the format.",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", help="Another seed, another flight.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(
+            "--seed", metavar="N", help="Seed of the random numbers: another seed is another flight."
+        ),
+    ] = 0,
     duration_s: Annotated[
         float | None, typer.Option("--duration-s", metavar="S", help="Length of the log [s].")
     ] = None,
@@ -38,14 +49,15 @@ def simulate(
         float | None, typer.Option("--rate-hz", metavar="HZ", help="Rate of the main messages [Hz].")
     ] = None,
     vehicle: Annotated[
-        Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Fly this vehicle instead.")
+        Path | None,
+        typer.Option("--vehicle", metavar="FILE.toml", help="Fly the vehicle of this file instead."),
     ] = None,
     autopilot: Annotated[
         str,
         typer.Option(
             "--autopilot",
             metavar="NAME",
-            help="Whose log to write [default: by the ending].",
+            help="Autopilot whose log is written [default: by the ending].",
             autocompletion=autopilots,
         ),
     ] = "",
@@ -68,15 +80,15 @@ def simulate(
         return 0
     if not scenario or output is None:
         raise SettingsError(
-            "What to fly and where to write it is missing.",
-            hint="Give SCENARIO -o FILE, or --list to see the scenarios.",
+            "The scenario or the output file is missing.",
+            hint="Give SCENARIO -o FILE. --list shows the scenarios.",
         )
     # Refuse before the work what could not be written after it.
     if seed < 0:
-        raise SettingsError(f"A seed of {seed} is negative.", hint="Give 0 or more.")
+        raise SettingsError(f"The seed {seed} is negative.", hint="Give 0 or more.")
     if output.suffix.lower() not in AUTOPILOT_OF_ENDING:
         raise SettingsError(
-            f"Cannot tell the format from the name {printable(output.name, 80)!r}.",
+            f"The name {printable(output.name, 80)!r} does not show the format.",
             hint=f"Let it end in {', '.join(AUTOPILOT_OF_ENDING)}.",
         )
     for path in (output, truth_path(output)):

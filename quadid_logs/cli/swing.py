@@ -15,21 +15,25 @@ from quadid_logs.errors import SettingsError
 
 
 def swing(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="Log of the gyro while the vehicle swings.")],
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="Log of the gyro while the vehicle swings on its strings.")
+    ],
     length_m: Annotated[float, typer.Option("--length", metavar="M", help="Length of each string [m].")],
     distance_m: Annotated[
-        float, typer.Option("--distance", metavar="M", help="Distance of the two strings [m].")
+        float, typer.Option("--distance", metavar="M", help="Distance between the two strings [m].")
     ],
     mass_kg: Annotated[
         float | None,
-        typer.Option("--mass", metavar="KG", help="Mass with battery [kg] [default: the vehicle file's]."),
+        typer.Option(
+            "--mass", metavar="KG", help="Mass with battery [kg] [default: that of the vehicle file]."
+        ),
     ] = None,
     axis: Annotated[
         str,
         typer.Option(
             "--axis",
             metavar="AXIS",
-            help="Axis that hangs vertically: roll, pitch or yaw [default: the one that turns most].",
+            help="Axis that hangs vertically: roll, pitch or yaw [default: the axis that turns most].",
         ),
     ] = "",
     span_m: Annotated[
@@ -37,23 +41,25 @@ def swing(
         typer.Option(
             "--span",
             metavar="M",
-            help="Largest dimension across that axis [m], for the air that swings along.",
+            help="Largest dimension across that axis [m], to estimate the air that swings along.",
         ),
     ] = 0.0,
     length_error_m: Annotated[
-        float, typer.Option("--length-error", metavar="M", help="How wrong --length may be (95 %) [m].")
+        float, typer.Option("--length-error", metavar="M", help="Possible error of --length (95 %) [m].")
     ] = 0.001,
     distance_error_m: Annotated[
-        float, typer.Option("--distance-error", metavar="M", help="How wrong --distance may be (95 %) [m].")
+        float, typer.Option("--distance-error", metavar="M", help="Possible error of --distance (95 %) [m].")
     ] = 0.001,
     mass_error_kg: Annotated[
         float | None,
-        typer.Option("--mass-error", metavar="KG", help="How wrong --mass may be (95 %) [default: 0.5 %]."),
+        typer.Option("--mass-error", metavar="KG", help="Possible error of --mass (95 %) [default: 0.5 %]."),
     ] = None,
     vehicle: Annotated[
         Path | None,
         typer.Option(
-            "--vehicle", metavar="FILE.toml", help="For the mass, and the moments of the other axes."
+            "--vehicle",
+            metavar="FILE.toml",
+            help="Vehicle file with the mass and the moments of the other axes.",
         ),
     ] = None,
     start_s: StartS = None,

@@ -78,7 +78,7 @@ def show_result(result: Result) -> None:
 
     console = Console(file=sys.stdout, highlight=False, soft_wrap=False)
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for head in ("axis", "verdict", "what the flight says"):
+    for head in ("axis", "verdict", "what the flight shows"):
         table.add_column(head)
     for axis in AXES:
         verdict = result.diagnosis.axes.get(axis)

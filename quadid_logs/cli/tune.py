@@ -45,14 +45,16 @@ _HIGHEST_DB, _HIGHEST_DEG = 40.0, 90.0
 
 def tune(
     context: typer.Context,
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A flight with the gains that are set now.")],
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="Log of a flight with the gains that are set now.")
+    ],
     output: Annotated[
         Path | None,
         typer.Option(
             "-o",
             "--output",
             metavar="DIR",
-            help="Folder in which the log gets its own [default: quadid-tune].",
+            help="Folder for the results; each log gets its own folder in it [default: quadid-tune].",
         ),
     ] = None,
     earlier: Annotated[
@@ -60,7 +62,10 @@ def tune(
         typer.Option(
             "--earlier",
             metavar="LOG",
-            help="An earlier flight of the same vehicle, which narrows the intervals. May be repeated.",
+            help=(
+                "Log of an earlier flight of the same vehicle, which narrows the intervals. Can be given "
+                "several times."
+            ),
         ),
     ] = None,
     vehicle: VehicleFile = None,
@@ -72,20 +77,22 @@ def tune(
         bool, typer.Option("--force", help="Replace the files of an earlier run on this log.")
     ] = False,
     gain_margin_db: Annotated[
-        float, typer.Option("--gain-margin-db", metavar="X", help="Gain margin to be kept [dB].")
+        float, typer.Option("--gain-margin-db", metavar="X", help="Gain margin to keep [dB].")
     ] = 6.0,
     phase_margin_deg: Annotated[
-        float, typer.Option("--phase-margin-deg", metavar="X", help="Phase margin to be kept [deg].")
+        float, typer.Option("--phase-margin-deg", metavar="X", help="Phase margin to keep [deg].")
     ] = 45.0,
     apart: Annotated[
         bool,
-        typer.Option("--apart/--together", help="P, I, D and angle gain each by itself, or by one factor."),
+        typer.Option(
+            "--apart/--together", help="Change P, I, D and angle gain each by itself, or all by one factor."
+        ),
     ] = True,
     filters: Annotated[
         bool,
         typer.Option(
             "--filters",
-            help="Experimental: change filters and notches with the gains, where that is worth it.",
+            help="Experimental: change filters and notches together with the gains, if that helps.",
         ),
     ] = False,
     mass_range: Annotated[
@@ -93,13 +100,15 @@ def tune(
         typer.Option(
             "--mass-range",
             metavar="LOW HIGH",
-            help="Factors on mass and inertia over which the limits are kept, too [default: 0.8 1.2].",
+            help="Range of factors on mass and inertia over which the limits are checked [default: 0.8 1.2].",
         ),
     ] = None,
     density_range: Annotated[
         tuple[float, float] | None,
         typer.Option(
-            "--density-range", metavar="LOW HIGH", help="The same for the air's density [default: 0.82 1.1]."
+            "--density-range",
+            metavar="LOW HIGH",
+            help="Range of factors on air density over which the limits are checked [default: 0.82 1.1].",
         ),
     ] = None,
     propeller_range: Annotated[
@@ -107,7 +116,9 @@ def tune(
         typer.Option(
             "--propeller-range",
             metavar="LOW HIGH",
-            help="The same for the propellers' diameter [default: 1 1.07].",
+            help=(
+                "Range of factors on propeller diameter over which the limits are checked [default: 1 1.07]."
+            ),
         ),
     ] = None,
     system: System = 0,
@@ -178,8 +189,8 @@ def _limits(gain_db: float, phase_deg: float) -> Limits:
         ("--phase-margin-deg", phase_deg, _HIGHEST_DEG),
     ):
         if not (math.isfinite(value) and 0.0 < value <= highest):
-            hint = f"Give more than 0, up to {highest:g}."
-            raise SettingsError(f"{name} {value:g} cannot be kept.", hint=hint)
+            hint = f"Give a value above 0, up to {highest:g}."
+            raise SettingsError(f"{name} {value:g} is not a possible margin.", hint=hint)
     if (gain_db, phase_deg) == GOOD[:2]:
         return GOOD
     # Who asks for less of gain and phase does not want the disk of the defaults, which is both at once.
@@ -257,7 +268,7 @@ def _show(
         check = on_next_log(result, "check", "--promise", named(str(folder)))
         say(f"  after the next flight: `{check}`")
     if removed:
-        say(f"  removed, of an earlier run: {', '.join(printable(folder / name) for name in removed)}")
+        say(f"  removed files of an earlier run: {', '.join(printable(folder / name) for name in removed)}")
 
 
 def _earlier_words(result: Result, earlier: EarlierFlight) -> str:
@@ -267,5 +278,5 @@ def _earlier_words(result: Result, earlier: EarlierFlight) -> str:
     narrowed = [axis for axis in earlier.axes if axis not in alone]
     parts = [f"narrows {listed(narrowed)}"] if narrowed else []
     if alone:
-        parts.append(f"tells of {listed(alone)}, which this flight shows too little of")
+        parts.append(f"gives {listed(alone)}, of which this flight shows too little")
     return " and ".join(parts) or "narrows nothing"

@@ -147,7 +147,8 @@ def read_content(
             number = _only_one(file, starts, accept)
         if not 1 <= number <= len(starts):
             raise SettingsError(
-                f"There is no log {number} in {path}.", hint=f"It holds {len(starts)}, counted from 1."
+                f"There is no log {number} in {path}.",
+                hint=f"The file holds {len(starts)} logs, counted from 1.",
             )
         header = _header(file, starts, number, accept)
         frames = find_frames(file, header)

@@ -174,7 +174,7 @@ class _Walk:
         """Count what stands behind the last frame as lost."""
         if self.fault_at < 0:
             self.fault_at = self.at
-        self.lose(self.header.stop, "behind the log's end" if self.ended else "no frame")
+        self.lose(self.header.stop, "after the log's end" if self.ended else "no frame")
 
 
 class _BlockWalk:

@@ -120,13 +120,15 @@ def read_header(file: FileParts, start: int, stop: int, accept: Accept | None = 
     if accept is not None:
         accept(texts)
     if texts.get("Data version", "2").strip() != "2":
-        raise _unreadable(file, f"its data version is {texts['Data version'][:20]!r}, and only 2 is known")
+        raise _unreadable(
+            file, f"its data version is {texts['Data version'][:20]!r}, but only version 2 is known"
+        )
     layouts = _layouts(file, texts)
     # The intervals of I and P frames, written as "4" or "1/4".
     whole = re.match(r"\s*(\d{1,5})\b", texts.get("I interval", "32"))
     between = re.match(r"\s*(\d{1,5})(?:/(\d{1,5}))?\b", texts.get("P interval", "1/1"))
     if not whole or not between or not 1 <= int(whole[1]) <= _LONGEST_INTERVAL:
-        raise _unreadable(file, "it does not say how often it has a complete frame")
+        raise _unreadable(file, "it does not say how often a complete frame is logged")
     kept, of = (int(between[1]), int(between[2])) if between[2] else (1, int(between[1]))
     # A P interval of 0 in the header means complete frames only.
     sampling = Sampling(int(whole[1]), min(max(kept, 1), max(of, 1)), of or int(whole[1]))
@@ -136,7 +138,7 @@ def read_header(file: FileParts, start: int, stop: int, accept: Accept | None = 
 def _unreadable(file: FileParts, why: str) -> UnknownFormatError:
     return UnknownFormatError(
         f"The Blackbox log in {file.path} cannot be read: {why}.",
-        hint="The header is damaged or of an unknown version; download the log again.",
+        hint="The header is damaged or of an unknown version. Download the log again.",
     )
 
 
@@ -165,9 +167,11 @@ def _layout(file: FileParts, letter: str, rows: dict[tuple[str, str], list[str]]
             for about in ("signed", "predictor", "encoding")
         )
     except ValueError:
-        raise _unreadable(file, f"its list of fields of {letter} frames holds what is no number") from None
+        raise _unreadable(
+            file, f"its field list of {letter} frames holds something that is not a number"
+        ) from None
     if not len(names) == len(signed) == len(predictor) == len(encoding) <= _MOST_FIELDS:
-        raise _unreadable(file, f"its lists of fields of {letter} frames differ in length")
+        raise _unreadable(file, f"its field lists of {letter} frames differ in length")
     if not (_ENCODINGS.issuperset(encoding) and _PREDICTORS.issuperset(predictor)):
         raise _unreadable(file, f"its {letter} frames use an encoding or predictor that is not known")
     return Layout(tuple(names), tuple(map(bool, signed)), tuple(predictor), tuple(encoding))

@@ -253,8 +253,9 @@ def text_content(path: str | Path) -> bytes:
     n_bytes = Path(path).stat().st_size
     if n_bytes > _MOST_TEXT:
         raise LogError(
-            f"{path} is a text of {n_bytes / 1e9:.1f} GB; up to {_MOST_TEXT / 1e9:.1f} GB are read.",
-            hint="Split it, or give the log as the autopilot wrote it.",
+            f"{path} is a text of {n_bytes / 1000000000.0:.1f} GB, more than the "
+            f"{_MOST_TEXT / 1000000000.0:.1f} GB that can be read.",
+            hint="Split it, or give the original log of the autopilot.",
         )
     return Path(path).read_bytes()
 

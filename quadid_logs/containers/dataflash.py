@@ -226,18 +226,18 @@ def check_not_empty(file: DataFlashFile) -> None:
     """
     if not file.definitions and not file.has_headers:
         raise UnknownFormatError(
-            f"{file.path} is no DataFlash log: it holds no message definition (FMT).",
-            hint="Give a .bin log as the autopilot wrote it.",
+            f"{file.path} is not a DataFlash log: it holds no message definition (FMT).",
+            hint="Give the original .bin log of the autopilot.",
         )
     if not file.definitions:
         raise EmptyLogError(
             f"{file.path} holds no message definition (FMT): its beginning is missing.",
-            hint="Download the log again from its first byte; without definitions no row can be read.",
+            hint="Download the whole log again: without definitions no row can be read.",
         )
     if not set(file.counts) - DEFINING:
         raise EmptyLogError(
             f"{file.path} holds {len(file.definitions)} message definitions, but not one row of data.",
-            hint="The log ended before anything was written; fetch the complete file from the vehicle.",
+            hint="The log ended before anything was written. Fetch the complete file from the vehicle.",
         )
 
 

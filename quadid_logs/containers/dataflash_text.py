@@ -225,8 +225,8 @@ def check_not_empty(log: TextLog) -> None:
     """
     if not log.definitions:
         raise UnknownFormatError(
-            f"{log.path} is no DataFlash text log: it holds no message definition (FMT).",
-            hint="Give a .log or .bin file as the autopilot wrote it.",
+            f"{log.path} is not a DataFlash text log: it holds no message definition (FMT).",
+            hint="Give the original .log or .bin file of the autopilot.",
         )
     if not set(log.counts) - DEFINING:
         raise EmptyLogError(

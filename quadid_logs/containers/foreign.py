@@ -15,11 +15,11 @@ class _Foreign(NamedTuple):
 _KINDS: Final = (
     _Foreign(
         (b"version https://git-lfs",),
-        'This is a Git-LFS pointer, not the log itself: run "git lfs pull" where it came from.',
+        'This is a Git-LFS pointer, not the log itself: run "git lfs pull" in its repository.',
     ),
     _Foreign(
         (b"<!doctype html", b"<html", b"<?xml"),
-        "This is a web page that was saved instead of the log: download the log itself.",
+        "This is a web page that was saved instead of the log. Download the log itself.",
     ),
     _Foreign((b"PK\x03\x04", b"PK\x05\x06"), "This is a zip archive: unpack it first."),
     _Foreign((b"\x1f\x8b",), "This is gzip-compressed: unpack it first."),
@@ -28,8 +28,8 @@ _KINDS: Final = (
     _Foreign((b"PA\x05", b"PA\x06"), "This looks like a dump of ArduPilot's parameter storage (eeprom)."),
     _Foreign((b"\x89HDF", b"MATLAB"), "This is a MATLAB or HDF5 file: export the columns to CSV or Parquet."),
     _Foreign((b"loopIteration,", b'"loopIteration",', b'"Product",'),
-             "This table was made of a Blackbox log: take the log itself (.bbl, .bfl, .txt)."),
-    _Foreign((b'{"meta":',), "This was made of an ArduPilot log: take the log itself (.bin)."),
+             "This table was made from a Blackbox log. Use the log itself (.bbl, .bfl, .txt)."),
+    _Foreign((b'{"meta":',), "This was made from an ArduPilot log. Use the log itself (.bin)."),
     _Foreign((b"#ROSBAG", b"\x89MCAP", b"SQLite"),
              "This is a ROS bag: export its columns to CSV or Parquet."),
 )  # fmt: skip
@@ -62,7 +62,7 @@ def explain_foreign(head: bytes, known: str) -> str:
     sample = head[:4096]
     if not any(byte < 32 and byte not in b"\t\r\n\f\x1b" for byte in sample):
         return (
-            "It is text, but neither a log nor a table with a column time_s "
-            f"(and p_rad_s, q_rad_s, r_rad_s, ...). Known are {known}."
+            "It is text, but neither a log nor a table with a column time_s (and p_rad_s, q_rad_s, "
+            f"r_rad_s, ...). Known formats: {known}."
         )
-    return f"Known are {known}."
+    return f"Known formats: {known}."

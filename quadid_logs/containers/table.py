@@ -207,14 +207,16 @@ def _check_unfolded(path: str | Path, file: Any, wanted: Sequence[str]) -> None:
     types = {name: file.schema_arrow.field(name).type for name in wanted}
     nested = [name for name, kind in types.items() if pa.types.is_nested(kind)]
     if nested:
-        raise UnknownFormatError(f"{path}: column {nested[0]} holds lists, no numbers.", hint="Unnest it.")
+        raise UnknownFormatError(
+            f"{path}: column {nested[0]} holds lists instead of numbers.", hint="Unnest it."
+        )
     about, n_bytes = file.metadata, Path(path).stat().st_size
     # Of whole row groups: Arrow ends the process where it is asked about a column with damaged statistics.
     n_unfolded = sum(about.row_group(group).total_byte_size for group in range(about.num_row_groups))
     if about.num_rows * len(types) > _MOST_CELLS + n_bytes or n_unfolded > _MOST_BYTES + 8 * n_bytes:
         raise UnknownFormatError(
-            f"{path} unfolds from {n_bytes / 1e6:.1f} MB to {about.num_rows} rows "
-            f"and {n_unfolded / 1e6:.0f} MB.",
+            f"{path} unpacks from {n_bytes / 1000000.0:.1f} MB to {about.num_rows} rows and "
+            f"{n_unfolded / 1000000.0:.0f} MB, which is too large.",
             hint="Split the table.",
         )
 

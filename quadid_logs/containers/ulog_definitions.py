@@ -125,7 +125,7 @@ class Definitions:
         elif kind == "P":
             name, value = _key_and_value(body)
             if not isinstance(value, int | float):
-                raise BrokenMessageError("a parameter that is no number")
+                raise BrokenMessageError("a parameter that is not a number")
             if self.has_data_section:
                 before = self.parameters.get(name, float(value))
                 self.parameter_writes.append(ParameterWrite(offset, name, float(value), before))
@@ -161,6 +161,6 @@ def _key_and_value(body: bytes) -> tuple[str, object]:
         # Of the wrong size: struct.error, which `take` translates.
         return name, unpack(raw)[0]
     if not _OTHER_TYPE.fullmatch(type_name):
-        raise BrokenMessageError("a key whose type is none")
+        raise BrokenMessageError("a key with an unknown type")
     # The size in the brackets is not checked: PX4's performance counters get it wrong.
     return name, _text_of(raw) if type_name.startswith("char[") else raw

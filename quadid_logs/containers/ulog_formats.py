@@ -67,7 +67,7 @@ class Formats:
         """
         match = _FORMAT.fullmatch(definition)
         if match is None:
-            raise BrokenMessageError("a format without a name, or with a field that is none")
+            raise BrokenMessageError("a format without a name, or with an invalid field")
         # Most formats are never subscribed: only their grammar is checked here.
         if self.fields.get(match[1]) != match[2]:
             self.fields[match[1]] = match[2]
@@ -136,7 +136,7 @@ class Formats:
                 size += element.itemsize * max(1, n_elements)
                 # A field without bytes would let a small file describe an endless row.
                 if size > _MAX_ROW or not element.itemsize or field_name in seen:
-                    raise BrokenMessageError(f"format {name!r} cannot be right")
+                    raise BrokenMessageError(f"format {name!r} is impossible")
                 names.append(field_name)
                 seen.add(field_name)
                 types.append(np.dtype((element, (n_elements,))) if n_elements else element)
@@ -148,7 +148,7 @@ class Formats:
     def _fields(self, name: str) -> list[Field]:
         """Return the fields of a format, whose grammar was checked when it was defined."""
         if self._n_fields > _MOST_FIELDS:
-            raise BrokenMessageError("formats that change all the time")
+            raise BrokenMessageError("formats that keep changing")
         parts = [part for part in self.fields[name].split(";") if part]
         self._n_fields += len(parts)
         found = [_FIELD.fullmatch(part) for part in parts]

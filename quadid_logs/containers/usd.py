@@ -156,7 +156,8 @@ def read_usd(path: str | Path) -> UsdContent:
     n_bytes = Path(path).stat().st_size
     if n_bytes > _MOST_BYTES:
         raise LogError(
-            f"{path} holds {n_bytes / 1e9:.1f} GB; up to {_MOST_BYTES / 1e9:.1f} GB are read.",
+            f"{path} holds {n_bytes / 1000000000.0:.1f} GB, more than the {_MOST_BYTES / 1000000000.0:.1f} "
+            "GB that can be read.",
             hint="Copy the log from the card again.",
         )
     content = Path(path).read_bytes()
@@ -164,7 +165,7 @@ def read_usd(path: str | Path) -> UsdContent:
         header = _header(content)
     except _DamagedError as damage:
         raise UnknownFormatError(
-            f"{path} is a Crazyflie micro-SD log, but its header, which says what was logged, is damaged.",
+            f"{path} is a Crazyflie micro-SD log with a damaged header, so its content cannot be read.",
             hint="Copy the log from the card again.",
         ) from damage
     stop = max(len(content) - _CHECKSUM, header.end)
@@ -176,7 +177,7 @@ def read_usd(path: str | Path) -> UsdContent:
     if not tables:
         raise EmptyLogError(
             f"{path} holds no event: nothing was logged.",
-            hint="Switch logging on (parameter usd.logging) before take-off, and off after landing.",
+            hint="Switch logging on with the parameter usd.logging before take-off, and off after landing.",
         )
     return UsdContent(
         version=header.version,
@@ -345,7 +346,7 @@ class _Walk:
             if found < self._stop:
                 break
             begin, length = end, min(2 * length, _LONGEST_SEARCH)
-        reason = "no event that the header defines"
+        reason = "an event that the header does not define"
         if found == self._stop:
             reason = "the file ends inside an event"
         self.lost.append(LostBytes(offset=at, n_bytes=found - at, reason=reason))

@@ -43,7 +43,7 @@ def within_documented(axis: str, tuned: AxisTuning, names: GainNames) -> AxisTun
     if below:
         written = {name: changed[name].next for name in below}
         ends = " and ".join(f"{value:g}" for value in below.values())
-        title = f"{_words(written)} lies below the lowest value that the firmware documents, {ends}"
+        title = f"{_words(written)} is below the lowest documented value, {ends}"
         findings.append(
             finding("QL676", "info", {"next": written, "lowest": below}, axes=(axis,), title=title)
         )

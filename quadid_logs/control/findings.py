@@ -9,22 +9,22 @@ import numpy as np
 
 from quadid_logs.control.margins import MOST_UNMODELLED_DEG
 from quadid_logs.control.room import Room, figures, outermost, room_of
+from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.tuning import GOOD
 from quadid_logs.diagnose.findings import finding, rounded
 
 _TITLES: Final = {
-    Room.UNSTABLE: "With the controller of the parameters, this model of {axis} is unstable",
+    Room.UNSTABLE: "The {axis} loop is unstable in the model with the controller of the parameters",
     Room.POOR: "{Axis} is close to instability",
     Room.LITTLE: "{Axis} has less margin than required",
     Room.PERHAPS_LITTLE: "{Axis} may have less margin than required",
 }
 #: The same for all axes, so that it is one step of what to do next.
 _CLOSE: Final = (
-    "Watch this axis in the next flight, as the loop may oscillate: land if the vehicle shakes or the motors "
-    "buzz. "
-    "`quadid-log tune LOG` computes the next gains, or says why it cannot."
+    "Watch this axis in the next flight: the loop may oscillate. Land if the vehicle shakes or the motors "
+    f"buzz. {CATALOGUE['QL601'].advice}"
 )
 #: Effectiveness is not known better than to some per cent in practice: less is no matter.
 _DISAGREEMENT = 0.05
@@ -91,15 +91,15 @@ def _line(axis: str, found: AxisLoop) -> Finding | None:
     low = gain is not None and gain.ci95[0] < GOOD.gain_db
     line = f"{rounded(frame.line_hz, 3):g} Hz about {axis}"
     advice = (
-        f"Look for what bends or is loose at {line}: stiffen it, or put a notch there if a log at the rate "
-        "of the loop shows the peak, too. Do not raise P or D before that."
+        f"Look for what bends or is loose at {line}, and stiffen it. Or put a notch there, if a log at the "
+        "loop rate shows the peak too. Do not raise P or D before that."
     )
     # A loop near its limit makes a line of its own at its crossover; what bends takes margin, too.
     if room_of(margins) <= Room.POOR:
         advice = (
-            f"The line at {line} may be the loop itself, which has little margin. Do not raise P or D: "
-            "fly with more margin first. If the line stays, look for what bends or is loose: stiffen it, or "
-            "put a notch there if a log at the rate of the loop shows the line, too."
+            f"The line at {line} may be the loop itself, which has little margin. Do not raise P or D: fly "
+            "with more margin first. If the line stays, look for what bends or is loose, and stiffen it. "
+            "Or put a notch there, if a log at the loop rate shows the line too."
         )
     return finding("QL607", "warning" if low else "info", evidence, axes=(axis,), advice=advice)
 
@@ -172,7 +172,7 @@ def _of_two_gains(axis: str, disagreeing: Mapping[str, tuple[Estimated, Estimate
     first, second = (as_evidence(each) for each in disagreeing[axis])
     *others, last = disagreeing
     named = f"{', '.join(others)} and {last}" if others else last
-    advice = f"Check that no gain of {named} was changed in flight, and fly the manoeuvres again in calm air."
+    advice = f"Check that no gain of {named} was changed in flight. Fly the manoeuvres again, in calm air."
     title = f"The open-loop and the closed-loop estimate of the {axis} effectiveness disagree"
     evidence = {"open_loop": first, "closed_loop": second}
     return finding("QL602", "warning", evidence, axes=(axis,), title=title, advice=advice)

@@ -53,7 +53,9 @@ def first_step(
         "warning",
         {"oscillation_hz": rounded(oscillation.line.frequency_hz), "loop": oscillation.loop.value},
         axes=(oscillation.axis,),
-        title=f"By rule, not by a model: halve {what}, for {oscillation.axis} oscillates at "
-        f"{oscillation.line.frequency_hz:.1f} Hz",
+        title=(
+            f"Halve {what}, by rule and not by a model: {oscillation.axis} oscillates at "
+            f"{oscillation.line.frequency_hz:.1f} Hz"
+        ),
     )
     return AxisTuning(verdict="change", reasons=(rule, *refused.reasons), gains=gains, now=refused.now)

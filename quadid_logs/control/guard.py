@@ -19,6 +19,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.tuning import GainNames
 from quadid_logs.diagnose.advice import advice_for, next_steps, to_a_usable_axis
 from quadid_logs.diagnose.findings import finding, rounded
+from quadid_logs.sentences import continued
 from quadid_logs.vocabulary import AXES
 
 #: With P and D scaled down in more of the rows, the gains of the parameters are not those that flew.
@@ -109,7 +110,7 @@ def obstacles(case: Case) -> Iterator[Finding]:
         if verdict is not None:
             told = {"verdict": verdict.verdict, "codes": list(verdict.reasons)}
             codes = " ".join(verdict.reasons)
-            title = f"{_VERDICTS[verdict.verdict]}: {verdict.sentence.rstrip('.')} [{codes}]"
+            title = f"{_VERDICTS[verdict.verdict]}: {continued(verdict.sentence.rstrip('.'))} [{codes}]"
         steps = next_steps((case.log, one) for one in to_a_usable_axis(case.diagnosis, case.axis))
         yield _refusal("QL615", case, told, title, advice=" ".join(steps))
     yield from _controller(case)

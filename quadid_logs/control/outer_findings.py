@@ -22,9 +22,9 @@ from quadid_logs.diagnose.findings import finding, rounded
 _FASTER: Final = 2.5
 #: Below, a velocity set-point rests: noise of receivers is as large [m/s].
 _MOVED_M_S: Final = 0.3
-_WORDS: Final = {"velocity": "velocity loop", "whole": "velocity loop with the position loop around it"}
+_WORDS: Final = {"velocity": "velocity loop", "whole": "velocity loop inside the position loop"}
 _TITLES: Final = {
-    Room.UNSTABLE: "With the controllers of the parameters, the {loop} is unstable in this model",
+    Room.UNSTABLE: "The {loop} is unstable in the model with the controllers of the parameters",
     Room.POOR: "The {loop} is close to instability",
     Room.PERHAPS_LITTLE: "The {loop} may be close to instability",
 }

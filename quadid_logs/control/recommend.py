@@ -84,9 +84,11 @@ _BETTER: Final = 1.1
 MOST_NOISE: Final = 0.05
 #: Why gains are changed each by itself.
 _AS_TOLD_TITLE: Final = (
-    "Change these gains: as estimated they leave too little margin, and the next ones enough"
+    "Change these gains: the flown gains leave too little margin in the model, and the next ones enough"
 )
-_BETTER_TITLE: Final = "Change these gains: gusts are rejected better, and margins stay above the limits"
+_BETTER_TITLE: Final = (
+    "Change these gains: the next ones reject gusts better, and margins stay above the limits"
+)
 _LACKING_TITLE: Final = "Change these gains: they leave too little margin"
 #: With more of the samples at the mixer's limits, higher gains would only reach them sooner.
 _NEAR_LIMITS: Final = 0.05
@@ -666,8 +668,8 @@ class _Search:
         percent, known_to_hz = round(100.0 * (1.0 - error)), rounded(self._loops.known_hz, 3)
         told = {**factor, "less_attitude_error_percent": percent, "known_to_hz": known_to_hz}
         title = (
-            f"Keep these gains: others might leave {percent} % less attitude error, but this flight does not "
-            "show that their margins would be enough"
+            f"Keep these gains: others might reduce the attitude error by {percent} %, but this flight does "
+            "not show enough margin for them"
         )
         return finding("QL647", "info", told, axes=(self._case.axis,), title=title)
 
@@ -808,7 +810,8 @@ def filter_note(case: Case, rebuild: Rebuild, loops: ScaledLoops) -> Iterator[Fi
     }
     title = (
         f"A filter, not the gain, limits {case.axis}: with {most} at {2.0 * cutoff_hz:g} Hz instead of "
-        f"{cutoff_hz:g} Hz the rate loop would keep {rounded(after, 2):g} degrees, not {rounded(before, 2):g}"
+        f"{cutoff_hz:g} Hz, the rate loop would keep {rounded(after, 2):g} instead of "
+        f"{rounded(before, 2):g} degrees"
     )
     yield finding("QL636", "info", told, axes=(case.axis,), title=title)
 

@@ -67,8 +67,8 @@ def checked(ranges: Ranges) -> Ranges:
     for name, (low, high) in ranges._asdict().items():
         least, most = _SENSIBLE[name]
         if not least <= low <= 1.0 <= high <= most:
-            hint = f"Give factors on what flew: from {least:g} to 1, and from 1 to {most:g}."
-            raise SettingsError(f"{low:g} to {high:g} is no range of {name}.", hint=hint)
+            hint = f"Give two factors: the first from {least:g} to 1, the second from 1 to {most:g}."
+            raise SettingsError(f"{low:g} to {high:g} is not a possible range of {name}.", hint=hint)
     return ranges
 
 

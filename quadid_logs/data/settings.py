@@ -105,8 +105,8 @@ def in_band(band_hz: tuple[float, float] | None, settings: IdentifySettings) -> 
     low_hz, high_hz = band_hz
     if not 0.0 < low_hz < high_hz < math.inf:
         raise SettingsError(
-            f"There is no band from {low_hz:g} to {high_hz:g} Hz.",
-            hint="Give two frequencies above 0, the lower one first, as --band 1 8.",
+            f"{low_hz:g} to {high_hz:g} Hz is not a possible band.",
+            hint="Give two frequencies above 0, the lower one first, such as --band 1 8.",
         )
     return replace(settings, high_pass_hz=low_hz, smoothing_hz=high_hz)
 

@@ -143,7 +143,9 @@ def _verdict(axis: str, findings: list[Finding]) -> AxisVerdict:
     if errors:
         return AxisVerdict(verdict="refused", reasons=_codes(errors), sentence=f"{errors[0].title}.")
     if warnings:
-        return AxisVerdict(verdict="caution", reasons=_codes(warnings), sentence=f"{warnings[0].title}.")
+        # What is about this axis tells its pilot more than what is about the whole file.
+        first = min(warnings, key=lambda one: not one.axes)
+        return AxisVerdict(verdict="caution", reasons=_codes(warnings), sentence=f"{first.title}.")
     by_commands = next((each for each in touching if each.code == "QL535"), None)
     sentence = "The model predicts validation data." if by_commands is None else f"{by_commands.title}."
     return AxisVerdict(verdict="usable", reasons=(), sentence=sentence)

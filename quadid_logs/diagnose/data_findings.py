@@ -50,7 +50,7 @@ def find_in_data(log: FlightLog, data: FlightData, identification: Identificatio
     # Without a flight, a pilot must be told of that first.
     if not data.flights:
         reason = data.on_ground_reason
-        title = f"No flight in this log: {reason or 'no evidence of one'}"
+        title = f"No flight in this log: {reason or 'nothing shows one'}"
         yield finding("QL401", "error", {"reason": reason}, title=title)
     # A log that covers no time would hold them later: how it is logged is not to be blamed.
     covers_time = data.duration_s > 0.0
@@ -84,8 +84,8 @@ def _no_torque(data: FlightData, advice: str) -> Finding:
         return finding("QL302", "error", evidence, advice=advice)
     evidence |= {"motor_outputs": outputs.source, "motor_outputs_hz": round(outputs.rate_hz, 2)}
     title = (
-        f"Motor outputs were logged at {number(outputs.rate_hz, 3)} Hz, but no torque command, and none can "
-        "be rebuilt from them"
+        "No torque was logged, and none can be computed from the motor outputs logged at "
+        f"{number(outputs.rate_hz, 3)} Hz"
     )
     return finding("QL302", "error", evidence, advice=advice, title=title)
 
@@ -101,7 +101,7 @@ def _rates(sources: Sequence[SourceChoice], advice: str, *, only_yaw: bool) -> I
             {**_sampling(slow), "needed_hz": MIN_RATE_HZ},
             axes=AXES[:2] if only_yaw else (),
             advice=advice,
-            title=f"{_told(slow)}, too slowly to identify {'roll or pitch' if only_yaw else 'anything'}",
+            title=f"{_told(slow)}: too slowly to identify {'roll or pitch' if only_yaw else 'anything'}",
         )
     elif slowish:
         yield finding(
@@ -109,7 +109,7 @@ def _rates(sources: Sequence[SourceChoice], advice: str, *, only_yaw: bool) -> I
             "warning",
             {**_sampling(slowish), "better_hz": _CAUTION_RATE_HZ},
             advice=advice,
-            title=f"{_told(slowish)}, which is rather slow",
+            title=f"{_told(slowish)}: rather slowly",
         )
     sparse = [source for source in sources if source.mean_rate_hz < _RATE_SHORTFALL * source.rate_hz]
     if sparse:
@@ -145,7 +145,7 @@ def _told(sources: Sequence[SourceChoice]) -> str:
 def _rate_words(source: SourceChoice) -> str:
     """Say at which rate a source was logged; a few rows, or pauses alone, have none."""
     if not source.rate_hz:
-        return f"in {source.n_samples} rows of no rate"
+        return f"in {source.n_samples} rows, too few for a rate"
     return f"at {number(source.rate_hz, 3)} Hz"
 
 

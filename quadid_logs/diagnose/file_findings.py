@@ -22,9 +22,11 @@ _NOTABLE_LOSS = 0.01
 
 #: Messages of DataFlash and MAVLink are below 300 bytes.
 _LONGEST_MESSAGE = 300
-_ONLY_THE_END = "Nothing to do: only the last message is cut off, as where power is switched off."
+_ONLY_THE_END = "Nothing to do: only the last message is cut off, as happens when power is switched off."
 #: MAV_AUTOPILOT_INVALID of MAVLink's minimal.xml: ground stations, cameras, gimbals.
 _NO_AUTOPILOT = "invalid"
+_LEAVE_OUT = "Leave out the pooled logs that add no flight: the evidence names them."
+_COPY_AGAIN = "Copy the log from the card again, and analyze that copy."
 _OTHERS_ARE_STATIONS = "Nothing to do: the others are ground stations or devices on board."
 
 
@@ -65,14 +67,17 @@ def find_in_pool(pooled: Sequence[PooledLog], identification: Identification) ->
     same = {PurePath(each.path).name: PurePath(each.same_as).name for each in pooled if each.same_as}
     idle = [name for name, used_s in flown.items() if not used_s]
     title = f"{len(idle)} of {len(pooled)} pooled logs hold no usable flight" if idle else ""
+    advice = _LEAVE_OUT if idle else ""
     if same:
-        title = f"{len(same)} of {len(pooled)} pooled logs hold the flight of another one, and count once"
+        title = (
+            f"{len(same)} of {len(pooled)} pooled logs repeat the flight of another log, which counts once"
+        )
     evidence: dict[str, object] = {
         "used_s": flown,
         "same_as": same,
         "between_flights": _between_flights(identification),
     }
-    yield finding("QL107", "warning" if idle else "info", evidence, title=title)
+    yield finding("QL107", "warning" if idle else "info", evidence, title=title, advice=advice)
 
 
 def _between_flights(identification: Identification) -> dict[str, object]:
@@ -112,8 +117,9 @@ def _damage(log: FlightLog) -> Iterator[Finding]:
             advice=_ONLY_THE_END if _only_the_end(log) else "",
         )
     if log.checksum_wrong:
-        title = "The checksum of the file is wrong: some of its bytes are not those that were logged"
-        yield finding("QL101", "warning", {"file_bytes": log.n_bytes, "checksum": "wrong"}, title=title)
+        title = "The checksum of the file is wrong: some bytes are not those that were logged"
+        evidence = {"file_bytes": log.n_bytes, "checksum": "wrong"}
+        yield finding("QL101", "warning", evidence, title=title, advice=_COPY_AGAIN)
     if log.n_dropped:
         yield finding("QL102", "info", {"dropped_messages": log.n_dropped})
 

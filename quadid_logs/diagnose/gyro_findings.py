@@ -51,7 +51,7 @@ def find_in_gyro(data: FlightData) -> Iterator[Finding]:
     if attitude is not None and attitude.values.size:
         too_steep = float(np.mean(np.abs(attitude.values[:, 1]) > _STEEPEST_RAD))
         if too_steep > _MOST_TOO_STEEP:
-            title = "The attitude's pitch exceeds 90 degrees, which no such angle can"
+            title = "The logged pitch angle exceeds 90 degrees, which is impossible"
             yield finding("QL310", "warning", {"fraction_of_samples": rounded(too_steep)}, title=title)
         yield from _stuck(data, attitude)
     if data.gyro_check is not None and _shows_turning(data, data.gyro_check):
@@ -96,7 +96,7 @@ def _stuck(data: FlightData, attitude: Overview) -> Iterator[Finding]:
                 axis: rounded(np.degrees(np.std(rates[:, AXES.index(axis)]))) for axis in axes
             },
         }
-        title = f"The attitude's {', '.join(axes)} never changes while the vehicle turns"
+        title = f"The logged {', '.join(axes)} angle never changes while the vehicle turns"
         yield finding("QL310", "warning", evidence, axes=axes, title=title)
 
 
@@ -115,7 +115,9 @@ def _scales(check: GyroCheck) -> Iterator[Finding]:
         strong[number] = False
         swapped = AXES[int(np.argmax(strong))] if strong.any() else ""
         if swapped:
-            yield _finding(check, number, "error", f"The {axis} rate turns {swapped} by the attitude")
+            yield _finding(
+                check, number, "error", f"By the logged attitude, the {axis} rate is the rate of {swapped}"
+            )
             continue
         if check.explained[number, number] < _MIN_EXPLAINED:
             continue
@@ -124,9 +126,9 @@ def _scales(check: GyroCheck) -> Iterator[Finding]:
             level: Level = "error" if off > _SCALE_ERROR else "warning"
             scale = float(check.matrix[number, number])
             if scale < 0.0:
-                title = f"The {axis} rate has the wrong sign, by the attitude"
+                title = f"By the logged attitude, the {axis} rate has the wrong sign"
             else:
-                title = f"By the attitude, {axis} turns {scale:.3g} times as far as its rate says"
+                title = f"By the logged attitude, {axis} turns {scale:.3g} times as far as its rate says"
             yield _finding(check, number, level, title)
 
 

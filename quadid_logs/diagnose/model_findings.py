@@ -164,7 +164,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         advice=advice_for(log.autopilot).excitation(AXES[number : number + 1], log.version),
         logging=advice_for(log.autopilot).logging(log.format, log.parameters, log.version),
         enough_motion=(
-            f"This axis turned by more than {WELL_EXCITED_DEG_S:g} deg/s rms, which is enough: larger "
+            f"This axis turned by more than {WELL_EXCITED_DEG_S:g} deg/s rms, which is enough. Larger "
             f"manoeuvres would not help. {CALMER}{columns}"
         ),
         response=identification.responses[number] if identification.responses else None,
@@ -207,7 +207,10 @@ def _poorly_excited(axis: _Axis) -> Finding | None:
     needed = MIN_RATE_RMS_DEG_S
     if axis.rate_rms_deg_s >= needed:
         return None
-    title = f"{axis.name.capitalize()} was poorly excited ({rounded(axis.rate_rms_deg_s, 2)} deg/s rms)"
+    title = (
+        f"{axis.name.capitalize()} was poorly excited: it turned by {rounded(axis.rate_rms_deg_s, 2)} deg/s "
+        "rms only"
+    )
     return axis.finding("QL403", "error", {**_evidence(axis), "needed_deg_s": needed}, title)
 
 
@@ -293,7 +296,7 @@ def _partly_explained(axis: _Axis) -> Finding | None:
     if axis.excitation.signal_to_noise >= _CAUTION_SIGNAL_TO_NOISE:
         return None
     rms = axis.rate_rms_deg_s
-    weak = f"{axis.name.capitalize()} was weakly excited ({rounded(rms)} deg/s rms)"
+    weak = f"{axis.name.capitalize()} was weakly excited: it turned by {rounded(rms)} deg/s rms only"
     title = weak if rms < WELL_EXCITED_DEG_S else _explained(axis)
     return axis.finding("QL404", "warning", _evidence(axis), title)
 
@@ -310,7 +313,7 @@ def _not_reproduced(axis: _Axis) -> Finding | None:
     }
     enough = r2 >= MIN_SIMULATED_R2 or is_commanded_explained(axis.model, axis.number)
     told = explained_words(r2)
-    title = f"Simulated from the torque alone, the model gives {told} of the {axis.name} motion"
+    title = f"Simulated from the torque alone, the model reproduces {told} of the {axis.name} motion"
     return axis.finding("QL511", "warning" if enough else "error", evidence, title)
 
 
@@ -436,7 +439,7 @@ def _from_slow_log(axis: _Axis) -> Finding | None:
         "error",
         evidence,
         axes=(axis.name,),
-        title="Yaw was logged too slowly to be confirmed",
+        title="Yaw was logged too slowly to confirm its effectiveness",
         advice=axis.logging,
     )
 
@@ -455,14 +458,16 @@ def _told_by_spectra(axis: _Axis) -> Finding | None:
     }
     title = f"The {axis.name} effectiveness comes from the response to commands alone"
     if axis.r2 < _EXPLAINED:
-        title = f"Gusts moved {axis.name}, too: its effectiveness comes from the response to commands alone"
+        title = f"Gusts moved {axis.name} too, so its effectiveness comes from the response to commands alone"
     if fit.planned:
         title = (
-            f"The controller of {axis.name} answers its motion: the effectiveness comes from the planned "
-            "trajectory alone"
+            f"The {axis.name} effectiveness comes from the planned trajectory alone, because the controller "
+            "answers the motion"
         )
     if fit.repeated:
-        title = f"The {axis.name} effectiveness comes from what flights of one trajectory have in common"
+        title = (
+            f"The {axis.name} effectiveness comes from what several flights of one trajectory have in common"
+        )
     return axis.finding("QL535", "warning" if fit.planned else "info", _evidence(axis) | evidence, title)
 
 

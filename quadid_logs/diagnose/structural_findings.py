@@ -167,7 +167,7 @@ def find_in_rotors(identification: Identification, rotors: Rotors | None) -> Ite
         "QL536",
         "warning",
         evidence,
-        title="A motor lost thrust in flight, and the effectiveness fell with it",
+        title="A motor lost thrust in flight, which lowered the effectiveness",
     )
 
 
@@ -290,9 +290,7 @@ def _commanded_rates(model: Model, numbers: Sequence[int], *, may_be_rate: bool)
                 "rate_per_unit_of_torque": rounded(rate),
             }
     if is_rate:
-        yield finding(
-            "QL521", "error", evidence, title="What is logged as torque is the rate that was commanded"
-        )
+        yield finding("QL521", "error", evidence, title="The signal logged as torque is the commanded rate")
     elif evidence:
         yield finding("QL521", "error", evidence, axes=tuple(evidence))
 
@@ -340,8 +338,8 @@ def _effects(check: StructuralCheck, number: int, *, averaged: bool, rotors_told
             "warning",
             _evidence(check, possible),
             axes=(axis,),
-            title=f"The {axis} effectiveness would be {change} if {_IF[possible.effect]}, which the flight "
-            "leaves open",
+            title=f"The {axis} effectiveness would be {change} if {_IF[possible.effect]}: the flight does "
+            "not rule that out",
         )
     known = check.persistence[np.isfinite(check.persistence)]
     of_all = float(np.sum(known) / np.sqrt(max(known.size, 1)))
@@ -395,7 +393,12 @@ def _whole_model(check: StructuralCheck, period_s: float) -> Iterator[Finding]:
         if is_late(check, period_s):
             yield finding("QL522", "warning", evidence)
         else:
-            yield finding("QL507", "info", evidence, title="The delay lies at its least, zero")
+            yield finding(
+                "QL507",
+                "info",
+                evidence,
+                title="The delay came out as zero, the lower end of the searched range",
+            )
     gain, half_width = check.flight_gain, check.flight_half_width
     if not len(gain):
         return

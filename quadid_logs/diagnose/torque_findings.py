@@ -28,9 +28,12 @@ _INERTIA_RATIO = ((0.01, 0.6), (0.01, 0.6), (0.02, 1.1))
 _WEIGHT_BLOCK_S = 1.0
 
 #: What to do where validation data do not tell which of two sources is right, or tell for rotor speeds.
-_STRONGER = "Fly stronger doublets on these axes: validation data do not show which of the two is right."
+_STRONGER = (
+    "Fly stronger doublets on this axis: validation data do not show which of the two sources is right."
+)
 _CHECK_COMMANDS = (
-    "Check the motor order and the battery compensation: the motor commands predict the flight worse."
+    "Check the motor order and the battery compensation: the motor commands predict the flight worse than "
+    "the rotor speeds."
 )
 
 
@@ -90,7 +93,10 @@ def not_in_newton_metres(log: FlightLog, given: InputDescription) -> Finding:
 def _pass(needs: tuple[str, ...]) -> str:
     if not needs:
         return ""
-    return f"For N m, describe the vehicle with --vehicle FILE.toml. It lacks: {'; '.join(needs)}."
+    return (
+        "For torque in N m, describe the vehicle with --vehicle FILE.toml. Still missing: "
+        f"{'; '.join(needs)}."
+    )
 
 
 def _mixer(model: TorqueModel, given: InputDescription) -> Iterator[Finding]:
@@ -159,8 +165,8 @@ def _other_expo(curve: ThrustCurve) -> Finding:
     }
     wanted = min(max(curve.expo, 0.0), 1.0)
     advice = (
-        f"Set {curve.parameter} to {wanted:.2f} (it is {curve.assumed:.2g}): then the loop gain no longer "
-        "changes with throttle. The gain at hover changes with it: check the tuning with small inputs first."
+        f"Set {curve.parameter} from {curve.assumed:.2g} to {wanted:.2f}: the loop gain then no longer "
+        "changes with throttle. The gain at hover changes too, so check the tuning with small inputs first."
     )
     return finding("QL530", "info", evidence, advice=advice)
 
@@ -185,7 +191,7 @@ def _inertia(inertia: Inertia, calibration: Calibration) -> Iterator[Finding]:
             least, most = _INERTIA_RATIO[axis]
             if high[axis] / size < least or low[axis] / size > most:
                 ratio = rounded(float(moment[axis]) / size)
-                wrong[f"I{'xyz'[axis] * 2}_over_m_r2"] = f"{ratio}, typical are {least} to {most}"
+                wrong[f"I{'xyz'[axis] * 2}_over_m_r2"] = f"{ratio}, typically {least} to {most}"
     if wrong:
         yield finding(
             "QL512", "warning", {**wrong, "moments_kg_m2": [rounded(float(value)) for value in moment]}
@@ -222,7 +228,7 @@ def find_in_given_inertia(
         evidence[f"{axis}_real_over_commanded"] = rounded(on_axis.value * moment, 3)
         evidence[f"{axis}_ci95"] = [rounded(low * moment, 3), rounded(high * moment, 3)]
         evidence[f"{axis}_identified"] = on_axis.identifiable
-    title = "Real torque over commanded, by the inertia given: " + ", ".join(
+    title = "Ratio of real to commanded torque, by the inertia that was given: " + ", ".join(
         f"{axis} {evidence[f'{axis}_real_over_commanded']}"
         for axis in AXES
         if f"{axis}_real_over_commanded" in evidence
@@ -270,5 +276,5 @@ def find_in_weight(data: FlightData, vehicle: Vehicle | None) -> Iterator[Findin
         "ci95": [rounded(mean + end * student_95(ratio.size - 1) * sigma, 3) for end in (-1.0, 1.0)],
         "mass_kg": vehicle.mass_kg,
     }
-    title = f"The commanded newton is none: {mean:.2f} N are commanded for each newton of weight"
+    title = f"The controller commands {mean:.2f} N of thrust for each newton of weight"
     yield finding("QL313", "info", evidence, title=title)

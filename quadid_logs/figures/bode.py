@@ -20,7 +20,7 @@ from quadid_logs.maths.band import ComplexArray, delay_response, gyro_response, 
 from quadid_logs.maths.spectra import WINDOW_S, averaged_spectra
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, RATE_SYMBOLS
 
-_TITLE = "Response of angular acceleration to torque against frequency"
+_TITLE = "Response of the angular acceleration to torque, by frequency"
 _KEY = "response"
 #: Above, a multirotor's body answers with less than the noise.
 _HIGHEST_HZ = 30.0
@@ -30,8 +30,8 @@ _WORTH_SHOWING = 0.6
 _LARGEST_ERROR = 0.5
 _HEIGHT = 0.65
 _BY_COMMANDS = (
-    "; of an axis that its response to commands tells, sixths of octaves of that response (without small "
-    "points: such a torque answers gusts as well)"
+    ", or from the response to commands alone if the axis is identified from that (in sixths of octaves, "
+    "and without small points)"
 )
 _FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
 #: Of a line beyond the first and the last dot: a sixth of an octave.
@@ -46,7 +46,11 @@ def frequency_response(result: Result) -> Figure | LeftOut:
     longest = max((segment.n_samples for segment in data.segments), default=0)
     n_block = int(WINDOW_S / data.sample_period_s) if data.segments else 0
     if model is None or not n_block or longest < 2 * n_block:
-        reason = "No model was fitted." if model is None else "No segment was long enough for a spectrum."
+        reason = (
+            "No model was fitted."
+            if model is None
+            else "No segment of the flight is long enough for a spectrum."
+        )
         return LeftOut(key=_KEY, title=_TITLE, reason=reason)
     found = result.identification.responses
     by_commands = [fit.is_told for fit in result.identification.spectral] or [False] * len(AXES)
@@ -54,7 +58,11 @@ def frequency_response(result: Result) -> Figure | LeftOut:
         _axis(data, model, column, n_block, found[column] if found else None, by_commands[column])
         for column in range(len(AXES))
     ]
-    chosen = "" if data is result.data else " Of this long flight: the minutes that the model was fitted to."
+    chosen = (
+        ""
+        if data is result.data
+        else " Of this long flight, only the minutes that the model was fitted to are shown."
+    )
     by_hand = " that was set by hand" if result.settings.identify.smoothing_hz else ""
     band_words = "".join(
         f" Shaded: the fitted band{by_hand}, {band.start:.2g} to {band.end:.2g} Hz."
@@ -63,14 +71,16 @@ def frequency_response(result: Result) -> Figure | LeftOut:
     return Figure(
         key=_KEY,
         title=_TITLE,
-        caption="How strongly and how late each axis accelerates when it is given torque. Small points: the "
-        f"log, where at least {100.0 * _WORTH_SHOWING:g} % of the rate belongs to the torque (coherence). "
-        "Dots: third-octave averages with 95 % intervals, by the set-points where those explain the torque"
-        f"{_BY_COMMANDS if any(by_commands) else ''}. "
-        "Line: the model with its lag, delay and the gyro's filter."
-        f"{band_words} A rigid body behind a lag has a level gain whose phase falls. Where "
-        "gain grows with frequency while the phase lags by some 90 degrees, torque follows rate: that is the "
-        f"inverse of the controller, which every log shows above its manoeuvres.{chosen}",
+        caption=(
+            "How strongly and how late each axis accelerates for a torque. Small points: the log, at "
+            f"frequencies where torque explains at least {100.0 * _WORTH_SHOWING:g} % of the rate "
+            "(coherence). Dots: third-octave averages with 95 % intervals, from the set-points where those "
+            f"explain the torque{_BY_COMMANDS if any(by_commands) else ''}. Line: the model with its lag, "
+            f"delay and the gyro's filter.{band_words} A rigid body with a motor lag has a level gain and a "
+            "falling phase. If the gain grows with frequency and the phase is near -90 degrees, the log "
+            "shows the inverse of the controller. Every log does that above the frequencies of its "
+            f"manoeuvres.{chosen}"
+        ),
         panels=tuple(panel for row in zip(*columns, strict=True) for panel in row),
         columns=3,
     )

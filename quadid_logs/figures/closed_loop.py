@@ -31,10 +31,10 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
         _figure(
             "loop-tracking",
             "Set-point, rate and torque",
-            "The most excited seconds of the validation data. Left: the commanded rate, the measured "
-            "rate, and the rate that model and controller predict from the set-points alone. Right: the "
-            "torque for that. Feedback makes the predicted rate right even with a wrong model; the "
-            "torque is right only with the right model.",
+            "The most excited seconds of the validation data. Left: the commanded rate, the measured rate, "
+            "and the rate that model and controller predict from the set-points alone. Right: the torque "
+            "for it. Feedback makes the predicted rate right even with a wrong model. The torque is right "
+            "only with the right model.",
             [panel for axis, found in known.items() for panel in _tracking(axis, found)],
             columns=2,
         ),
@@ -42,8 +42,8 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
             "loop-bode",
             "The open loop, cut at the mixer",
             "Gain and phase around the loop. Where the gain passes 0 dB, the phase must be above -180 "
-            "degrees: that distance is the phase margin. Where the phase passes -180 degrees, the gain must "
-            "be below 0 dB: that distance is the gain margin. Shaded along the line: the 95 % interval. "
+            "degrees: the distance is the phase margin. Where the phase passes -180 degrees, the gain must "
+            "be below 0 dB: the distance is the gain margin. Shaded: the 95 % interval of the line. "
             "Points: the log, as far as set-points or a system-ID excitation show it.",
             _in_rows([_bode(axis, found) for axis, found in known.items()]),
             columns=3,
@@ -51,18 +51,18 @@ def loop_figures(result: Result) -> list[Figure | LeftOut]:
         _figure(
             "loop-nyquist",
             "The open loop around the point of instability",
-            "The same loop in the complex plane. A loop through -1 oscillates for ever. The circle "
-            "around -1 shows the disk margin: as long as gain and phase together change by no more than "
-            "that, the loop stays stable.",
+            "The same loop in the complex plane. A loop through -1 oscillates without end. The circle "
+            "around -1 shows the disk margin. The loop stays stable while gain and phase together change "
+            "by no more than that.",
             _in_rows([_nyquist(axis, found) for axis, found in known.items()]),
             columns=3,
         ),
         _figure(
             "loop-step",
             "Rate step response",
-            "The rate step response of the model with its 95 % interval (shaded), and the measured one "
-            "where the log shows it. The log's set-points are smoother than a step, so its line overshoots "
-            "less. Overshoot and ringing mean little margin.",
+            "The rate step response of the model with its 95 % interval (shaded), and the measured one if "
+            "the log shows it. The log's set-points are smoother than a step, so its line overshoots less. "
+            "Overshoot and ringing mean little margin.",
             _in_rows([_step(axis, found) for axis, found in known.items()]),
             columns=3,
         ),
@@ -239,7 +239,7 @@ def _step(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
         Panel(
             title=axis.capitalize(),
             x=Axis(label="time after the step", unit="s"),
-            y=Axis(label="rate over set-point", low=-0.1),
+            y=Axis(label="rate divided by set-point", low=-0.1),
             curves=tuple(curves),
             ribbons=(_interval(x, step.low[shown], step.high[shown]),),
             levels=(Level(value=1.0, role="muted"),),

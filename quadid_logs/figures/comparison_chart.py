@@ -22,9 +22,11 @@ def comparison_figure(comparison: Comparison) -> Figure | LeftOut:
     return Figure(
         key="compare",
         title=f"{_TITLE}: {comparison.structure}",
-        caption="Points: values with 95 % intervals. A difference counts as a change if the intervals, the "
-        "throttle and the typical spread between flights do not explain it."
-        + (f" {hidden} more that did not change are not drawn." if hidden else ""),
+        caption=(
+            "Points: values with 95 % intervals. A difference counts as a change if intervals, throttle "
+            "and the typical spread between flights do not explain it."
+        )
+        + (f" {hidden} more quantities did not change and are not drawn." if hidden else ""),
         panels=tuple(_panel(quantity) for quantity in shown),
         columns=3,
     )

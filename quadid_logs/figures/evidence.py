@@ -24,12 +24,12 @@ _TITLE_BY_COMMANDS = "Measured and predicted"
 #: As long as an eye can follow a manoeuvre [s].
 _CLOSE_LOOK_S = 5.0
 _IN_TIME = (
-    f"Up to {_CLOSE_LOOK_S:g} s with the most motion of each axis [deg/s]. Simulated from the logged torque "
-    "only, without motion slower than the fitted band ({hz:.2g} Hz)."
+    f"The most excited part of each axis, up to {_CLOSE_LOOK_S:g} s [deg/s]. Simulated from the logged "
+    "torque only, without motion slower than the fitted band ({hz:.2g} Hz)."
 )
 _BY_COMMANDS = (
-    "Air also moves an axis that is marked 'by commands': shown is how strongly it accelerates ({unit}) for "
-    "a torque that was commanded, as measured (dots with 95 % intervals) and of the model."
+    "Air also moves an axis that is marked 'by commands'. Its chart shows the acceleration for a commanded "
+    "torque ({unit}). Dots: measured, with 95 % intervals. Line: the model."
 )
 #: The band holds this fraction of the held-out errors.
 _HELD = 0.95

@@ -21,7 +21,9 @@ def excitation_spectra(result: Result) -> Figure | LeftOut:
     title = "Spectra and coherence"
     shown = [item for item in result.identification.excitation if item.frequency_hz.size > 1]
     if not shown:
-        return LeftOut(key="excitation", title=title, reason="No segment was long enough for a spectrum.")
+        return LeftOut(
+            key="excitation", title=title, reason="No segment of the flight is long enough for a spectrum."
+        )
     unit = torque_axis(result.data.input).unit
     density = "1/Hz" if unit == "normalised" else f"({unit})²/Hz"
     # The band below the cut-off of the fit's filter
@@ -63,11 +65,11 @@ def excitation_spectra(result: Result) -> Figure | LeftOut:
         ),
     )
     caption = (
-        "An axis can be identified where its torque has power and the coherence is near 1. Coherence below "
-        "0.5 means that noise, wind or the other axes move the vehicle more than this torque does."
+        "An axis can be identified at frequencies where its torque has power and the coherence is near 1. "
+        "Below 0.5, noise, wind or the other axes move the vehicle more than this torque does."
     )
     if bands:
-        caption += " Shaded: the band that the fit looks at."
+        caption += " Shaded: the band that was fitted."
     return Figure(key="excitation", title=title, caption=caption, panels=panels)
 
 

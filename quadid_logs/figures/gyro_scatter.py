@@ -48,9 +48,9 @@ def gyro_against_attitude(result: Result) -> Figure | LeftOut:
         known_ms = max(half_width_ms, 0.1)
         lag = f"The rates come {plus_minus(abs(lag_ms), known_ms)} ms {order} the attitude{cause}."
     caption = (
-        f"Change of each angle over {check.start_s.size} intervals of {check.length_s:g} s. Points on the "
-        "dashed line: what the body rates add up to is what the attitude shows, so units, signs and axes of "
-        "the log are right. A round cloud says nothing: the axis hardly turned, or the rates were logged too "
+        f"Change of each angle over {check.start_s.size} intervals of {check.length_s:g} s: by the body "
+        "rates and by the attitude. If the points lie on the dashed line, units, signs and axes of the log "
+        "are right. A round cloud shows nothing: the axis hardly turned, or the rates were logged too "
         f"slowly to add them up. {lag}"
     )
     return Figure(key="gyro", title=title, caption=caption, panels=tuple(panels), columns=3)

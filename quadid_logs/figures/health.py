@@ -49,7 +49,7 @@ def health_figures(result: Result) -> list[Figure | LeftOut]:
             "attitude",
             ("attitude", "attitude_setpoint"),
             Axis(label="angle", unit="deg"),
-            f"{_said(health.attitude)} The wide line is the vehicle, the thin one its set-point.",
+            f"{_said(health.attitude)} Wide line: the vehicle. Thin line: its set-point.",
         )
     rates = steps = None
     if health.tracking is not None:
@@ -58,18 +58,18 @@ def health_figures(result: Result) -> list[Figure | LeftOut]:
             "tracking",
             ("body_rate", "body_rate_setpoint"),
             Axis(label="body rate", unit="deg/s"),
-            f"{_said(health.tracking)} In a good loop the wide line lies under the thin one, a little later. "
-            "A rate that swings while its set-point is calm is an oscillation; one that stays short of its "
-            "set-point meets a limit.",
+            f"{_said(health.tracking)} Wide line: the rate. Thin line: its set-point. In a good loop the "
+            "rate follows a little later. A rate that swings while its set-point is calm is an "
+            "oscillation. A rate that stays short of its set-point meets a limit.",
         )
     if health.steps is not None:
         steps = Figure(
             key=_KEYS["steps"],
             title=_TITLES["steps"],
             caption=(
-                f"{_said(health.steps)} Computed from set-points and rates of the whole flight; shaded: "
-                "the 95 % interval. Dashed: a perfect loop, as sharp as these set-points can show it. A "
-                "step is large from half of the largest set-points on."
+                f"{_said(health.steps)} Computed from set-points and rates of the whole flight. Shaded: the "
+                "95 % interval. Dashed: a perfect loop, as sharp as these set-points can show it. A step "
+                "counts as large from half of the largest set-points on."
             ),
             panels=tuple(_step_panel(axis, one) for axis, one in health.steps.axes.items()),
             columns=3,
@@ -112,9 +112,9 @@ _KEYS: Final = {
 }
 #: Drawn where the log holds nothing to compare with.
 _INSTEAD: Final = {
-    "rates": "They stand beside their set-points above.",
+    "rates": "The rates are drawn with their set-points above.",
     "tilt": "The log holds no attitude.",
-    "torque": "The motors show it.",
+    "torque": "The motor commands are drawn instead.",
     "thrust": "The log holds no thrust in newtons.",
 }
 _TITLES: Final = {
@@ -125,7 +125,7 @@ _TITLES: Final = {
     "steps": "Measured step response of the rates",
     "noise": "Spectra of the gyro, after its filters and before them",
     "maps": "The gyro's spectrum over time and over throttle",
-    "motors": "What the motors were sent",
+    "motors": "Motor commands",
     "torque": "Torque that the controller commanded",
     "throttle": "Throttle",
     "thrust": "Thrust and weight",
@@ -188,7 +188,7 @@ def _step_panel(axis: str, steps: AxisSteps) -> Panel:
     return Panel(
         title=axis.capitalize(),
         x=Axis(label="time after the step", unit="ms"),
-        y=Axis(label="rate over set-point", unit=""),
+        y=Axis(label="rate divided by set-point", unit=""),
         curves=(
             Curve(label="following at once", x=time_ms, y=steps.ideal, role="muted", mark="dashed"),
             *(
@@ -228,13 +228,13 @@ def _spectrum(health: Health, known: GyroFilter) -> Figure | None:
     filters = f" Known filters: {words}." if words else ""
     if noise.before is None and noise.after is not None and words:
         filters += (
-            " The spectrum before the filters is computed from the filtered one, where they pass "
-            "a tenth or more."
+            " The spectrum before the filters is computed from the filtered one, at frequencies where the "
+            "filters pass a tenth or more."
         )
     return Figure(
         key=_KEYS["noise"],
         title=_TITLES["noise"],
-        caption=f"{_said(noise)}{filters} Below some 10 Hz the vehicle's own motion shows.",
+        caption=f"{_said(noise)}{filters} Below about 10 Hz the spectrum shows the vehicle's own motion.",
         panels=tuple(_spectrum_panel(noise, column, known) for column in range(len(AXES))),
         columns=3,
     )
@@ -254,7 +254,7 @@ def _spectrum_panel(noise: Noise, column: int, known: GyroFilter) -> Panel:
                 _line("before the filters, computed", noise.after.frequency_hz[passed], before, "muted")
             )
     if noise.after is not None:
-        curves.append(_density("as the controller gets it", noise.after, column, AXES[column]))
+        curves.append(_density("as the controller receives it", noise.after, column, AXES[column]))
     shown = noise.after or noise.before
     highest_hz = float(shown.frequency_hz[-1]) if shown is not None else 0.0
     lines = noise.lines.get(AXES[column], ())
@@ -323,8 +323,10 @@ def _maps(health: Health, known: GyroFilter) -> Figure | None:
     return Figure(
         key=_KEYS["maps"],
         title=_TITLES["maps"],
-        caption="All axes together; bright means strong. What rises with the throttle turns with the rotors; "
-        "what stays where it is belongs to the frame, to electronics or to the control loop.",
+        caption=(
+            "All axes together. Bright means strong. A line that rises with the throttle comes from the "
+            "rotors. A line that stays comes from the frame, the electronics or the control loop."
+        ),
         panels=tuple(panels),
         columns=len(panels),
     )
@@ -367,7 +369,7 @@ def _motors(health: Health) -> Figure | None:
     time_s, output = break_at_gaps(motors.time_s, scale * motors.output)
     ends = (0.0, 100.0) if motors.unit == "1" else (None, None)
     mean = Curve(
-        label="mean, and where it is in 90 % of the flight",
+        label="mean, and the range in 90 % of the flight",
         x=numbers,
         y=scale * motors.mean,
         low=scale * motors.low,
@@ -378,8 +380,11 @@ def _motors(health: Health) -> Figure | None:
     return Figure(
         key=_KEYS["motors"],
         title=_TITLES["motors"],
-        caption=f"{_said(motors)} Opposite motors that differ show where the weight is. Motors of one "
-        "sense of rotation above those of the other show a tilted motor or a twisted arm.",
+        caption=(
+            f"{_said(motors)} A difference between opposite motors shows where the weight is. If all motors "
+            "with one sense of rotation work harder than the others, a motor is tilted or an arm is "
+            "twisted."
+        ),
         panels=(
             Panel(
                 title="Each motor",

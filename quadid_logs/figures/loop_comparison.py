@@ -67,9 +67,11 @@ def loop_comparison_figure(before: Result, after: Result) -> Figure | LeftOut:
     return Figure(
         key=_KEY,
         title=_TITLE,
-        caption="Gain and phase around the loop, cut at the mixer, and the rate step response. "
-        "Shaded: 95 % intervals. Where the gain passes 0 dB, the phase above -180 degrees "
-        "is the phase margin.",
+        caption=(
+            "Gain and phase around the loop, cut at the mixer, and the rate step response. Shaded: 95 % "
+            "intervals. The phase margin is the phase above -180 degrees at the frequency where the gain "
+            "passes 0 dB."
+        ),
         panels=(*_gains_and_phases(curves), *steps),
         columns=len(shown),
     )
@@ -163,7 +165,7 @@ def _step(axis: str, steps: Sequence[tuple[Step, _Style]]) -> Panel:
     return Panel(
         title=f"{axis.capitalize()}: step",
         x=_SECONDS,
-        y=Axis(label="rate over set-point", low=-0.1),
+        y=Axis(label="rate divided by set-point", low=-0.1),
         curves=tuple(curves),
         ribbons=tuple(ribbons),
         levels=(Level(value=1.0, role="muted"),),

@@ -23,7 +23,7 @@ from quadid_logs.vocabulary import (
 
 _ACCELERATION = Axis(label="angular acceleration", unit="deg/s²")
 _RATE = Axis(label="body rate", unit="deg/s")
-_HELD_OUT = " Shaded: validation data, which the fit did not use; judge the model there."
+_HELD_OUT = " Shaded: validation data, which the fit did not use. Judge the model there."
 _SERIES_ROLES = 4
 #: So many structures have names that need half of a page.
 _MANY_STRUCTURES = 4
@@ -70,9 +70,12 @@ def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
     return Figure(
         key="held-out",
         title=title,
-        caption=f"Up to {_CLOSE_LOOK_S:g} s of validation data, which the fit did not use: the most excited "
-        "segment of each axis. Left: the angular acceleration that the torque should cause. Right: the rate, "
-        "simulated from the logged torque only. Where the lines part, the model is wrong.",
+        caption=(
+            f"The most excited validation data of each axis, up to {_CLOSE_LOOK_S:g} s. The fit did not use "
+            "them. Left: the measured angular acceleration, and that caused by the torque in the model. "
+            "Right: the measured rate, and that simulated from the logged torque only. Where the lines "
+            "differ, the model is wrong."
+        ),
         panels=tuple(panels),
         columns=2,
     )
@@ -136,8 +139,11 @@ def _simulation(model: Model, fit: FitSeries) -> Figure:
     return Figure(
         key="simulation",
         title=f"Measured and simulated rates: {model.structure}",
-        caption="Simulated from the logged torque only, in blocks of some seconds that each start at the "
-        "measured rate. This is the hardest test: errors add up." + _HELD_OUT,
+        caption=(
+            "Simulated from the logged torque only, in blocks of some seconds. Each block starts at the "
+            "measured rate. This is the hardest test, because errors add up."
+        )
+        + _HELD_OUT,
         panels=_noted(panels, notes),
         over_time=True,
     )
@@ -173,8 +179,11 @@ def _residuals(model: Model, fit: FitSeries) -> Figure:
     return Figure(
         key="residuals",
         title=f"Residuals: {model.structure}",
-        caption="What the model does not explain. It should look like even noise: a bulge that comes with a "
-        "manoeuvre is missing physics. On the right, fitted and validation data should have the same width.",
+        caption=(
+            "The part of the acceleration that the model does not explain. It should look like even noise. "
+            "A bulge during a manoeuvre means missing physics. On the right, fitted and validation data "
+            "should have the same width."
+        ),
         panels=tuple(panels),
         columns=2,
     )
@@ -223,9 +232,11 @@ def lag_profile(result: Result) -> Figure | LeftOut:
     return Figure(
         key="lag",
         title=title,
-        caption="How much of the acceleration stays unexplained for each assumed lag (left) and delay "
-        f"(right), the other one at its best; the lag acts on {acts_on}. A deep valley "
-        "is a value well known; a flat valley means that lag and delay cannot be told apart in this flight.",
+        caption=(
+            "Left: the unexplained part of the acceleration for each assumed lag. Right: the same for each "
+            f"assumed delay. The other one has its best value. The lag acts on {acts_on}. A deep valley "
+            "means a well-known value. A flat valley means that this flight cannot separate lag and delay."
+        ),
         panels=panels,
         columns=2,
     )
@@ -272,9 +283,10 @@ def horizon_error(result: Result) -> Figure | LeftOut:
     return Figure(
         key="horizon",
         title=title,
-        caption="How far the model's rate is off after a prediction over 0.1 s and longer, on validation "
-        "data. The lowest line is the best structure. A controller design needs the first tenths of a "
-        "second.",
+        caption=(
+            "Error of the predicted rate on validation data, after 0.1 s and longer. The lowest line is "
+            "the best structure. The first tenths of a second matter for controller design."
+        ),
         panels=panels,
         columns=3,
     )
@@ -300,7 +312,7 @@ def _series_role(number: int) -> str:
 
 def structure_comparison(result: Result) -> Figure | LeftOut:
     """Show the diagonal of B with its interval for every structure."""
-    title = "Torque effectiveness by structure"
+    title = "Control effectiveness by structure"
     models = result.identification.models
     panels = [
         panel
@@ -312,8 +324,10 @@ def structure_comparison(result: Result) -> Figure | LeftOut:
     return Figure(
         key="structures",
         title=title,
-        caption="The same quantity from every structure, with 95 % intervals. Structures that agree within "
-        "their intervals support each other; an interval that spans zero says: not known.",
+        caption=(
+            "The same quantity from every structure, with 95 % intervals. Structures that agree within "
+            "their intervals support each other. If an interval spans zero, the value is not known."
+        ),
         panels=tuple(panels),
         # Four names under a third of the page would cover each other.
         columns=3 if len(models) < _MANY_STRUCTURES else 2,

@@ -21,16 +21,16 @@ def repetition_figures(found: Repeatability) -> tuple[Figure | LeftOut, ...]:
     """Return the funnel and the estimates by flight."""
     told = [each for each in found.quantities if each.kind == "effectiveness"]
     if not told:
-        reason = "Fewer than two flights identify the effectiveness of an axis."
+        reason = "No axis is identified by two flights or more."
         return tuple(LeftOut(key=key, title=_TITLE, reason=reason) for key in ("funnel", "flights"))
     return (
         Figure(
             key="funnel",
-            title="Funnel: estimate against half-width",
+            title="Estimate of each flight against its interval",
             caption=(
-                "Each dot is a flight; less precise flights stand higher. 95 % of the flights of "
-                "one vehicle lie between the lines, which allow for each flight's error and for the "
-                "difference between flights. Flights beyond have their number in the table."
+                "Each dot is a flight. Less precise flights are higher up. 95 % of the flights of one "
+                "vehicle lie between the lines. The lines allow for each flight's error and for the "
+                "difference between flights. Flights outside are labelled with their number in the table."
             ),
             panels=tuple(_funnel(each) for each in told),
             columns=len(told),
@@ -39,9 +39,8 @@ def repetition_figures(found: Repeatability) -> tuple[Figure | LeftOut, ...]:
             key="flights",
             title="Effectiveness by flight",
             caption=(
-                "Dots: each flight with its 95 % interval. Band: the mean of all flights with its "
-                "95 % interval. Dots of the other colour: what the remaining flights predict for "
-                "this one."
+                "Dots: each flight with its 95 % interval. Band: the mean of all flights with its 95 % "
+                "interval. Dots in the other colour: the prediction for this flight from all others."
             ),
             panels=tuple(_by_flight(found, each) for each in told),
             columns=1,
@@ -121,7 +120,7 @@ def _by_flight(found: Repeatability, quantity: RepeatedQuantity) -> Panel:
     if known.any():
         curves.append(
             Curve(
-                label="predicted by the others",
+                label="predicted from the others",
                 x=place[known] + 0.2,
                 y=predicted[known],
                 low=(predicted - reach)[known],

@@ -64,7 +64,7 @@ def airframe_from_above(result: Result) -> Figure | LeftOut:
         parts.append(f"Motor and output: {outputs} ({model.channel_source}).")
     if model.position_unit != "m":
         parts.append("Only the shape is known, not the length of the arms.")
-    parts.append("If this is not your vehicle, no torque below is right.")
+    parts.append("If this is not your vehicle, every torque below is wrong.")
     return Figure(key="airframe", title=title, caption=" ".join(parts), panels=(panel,), small=True)
 
 

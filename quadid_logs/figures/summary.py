@@ -39,10 +39,10 @@ def summary_figure(result: Result, headline: str, gains: Mapping[str, str]) -> F
     shown = (
         "Body rates on validation data: measured, and predicted from the torque alone."
         if held
-        else "Body rates of the log; no model could be fitted, or no data were kept for validation."
+        else "Body rates of the log. No model could be fitted, or no data were kept for validation."
     )
     if any(answers.values()):
-        shown += " Of an axis that air moves, too: its acceleration per commanded torque against frequency."
+        shown += " For an axis that air also moves: its acceleration per commanded torque, by frequency."
     return Figure(
         key="summary",
         title=f"{name}: {headline}",

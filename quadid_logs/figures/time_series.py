@@ -46,7 +46,7 @@ def flight_overview(result: Result) -> Figure | LeftOut:
     more = f" Only the first {MOST_BANDS} of {MOST_BANDS + hidden} modes are shaded." if hidden else ""
     caption = (
         "Shading shows the flight modes. The bars below show when the vehicle flew and which segments were "
-        "analyzed. Where a line is missing, the log holds nothing." + more
+        "analyzed. A gap in a line means that the log holds no data there." + more
     )
     shaded = [
         Panel(title=panel.title, x=TIME, y=panel.y, curves=panel.curves, bands=bands) for panel in panels
@@ -160,11 +160,12 @@ def aligned_series(result: Result) -> Figure | LeftOut:
         curves = (line, marks) if x.size else (line,)
         panels.append(Panel(title=f"{axis.capitalize()} torque", x=TIME, y=y_torque, curves=curves))
     caption = (
-        f"What the model was fitted to: both series on one clock, {1.0 / data.sample_period_s:.0f} samples "
-        "a second. A rate should answer every change of its torque; a constant torque excites nothing."
+        "The data that the model was fitted to: torque and rate on one clock, "
+        f"{1.0 / data.sample_period_s:.0f} samples per second. The rate should respond to every change of "
+        "its torque. A constant torque excites nothing."
     )
     if saturated.any():
-        caption += " Red points: the torque could not be achieved or was clipped."
+        caption += " Red points: the motors could not give this torque, or it was clipped."
     return Figure(
         key="aligned", title=title, caption=caption, panels=tuple(panels), columns=2, over_time=True
     )

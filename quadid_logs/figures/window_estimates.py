@@ -68,9 +68,9 @@ def _against_condition(model: Model, windows: Windows) -> Figure:
     """Plot each window's estimate over how well its equations could be solved."""
     panels = tuple(_condition_panel(effect, windows) for effect in _effects(model, windows))
     caption = (
-        f"Each point is one window of {windows.width} samples ({windows.period_s * 1e3:.3g} ms apart), its "
-        "columns scaled. Further right, a larger condition number amplifies small errors of the log: points "
-        "scatter. The line with its band is the pooled estimate with its 95 % interval. If the "
+        f"Each point is one window of {windows.width} samples, {windows.period_s * 1000.0:.3g} ms apart, "
+        "with scaled columns. Further right, a larger condition number amplifies small errors of the log, "
+        "and points scatter. The line with its band is the pooled estimate with its 95 % interval. If the "
         "median of the windows stays on the line, windows and pooled estimate agree."
     )
     return Figure(
@@ -127,9 +127,9 @@ def _over_time(model: Model, windows: Windows) -> Figure:
             )
         )
     caption = (
-        "The same windows along the flight. A level cloud around the line is a vehicle that stays the same; "
-        "a slope or a step would be a sagging battery, a dropped load or damage. Grey windows are not used: "
-        "rank deficient or below the noise floor."
+        "The same windows along the flight. A level cloud around the line means that the vehicle stays the "
+        "same. A slope or a step may come from a sagging battery, a dropped load or damage. Grey windows "
+        "are not used: they are rank deficient or below the noise floor."
     )
     return Figure(
         key="over-time",
@@ -202,9 +202,9 @@ def _running_median(condition: FloatArray, estimates: FloatArray) -> Curve | Non
 def _singular_values(model: Model, windows: Windows) -> Figure:
     """Plot the singular values of H_k against what noise alone would give."""
     caption = (
-        "How strongly the flight excited each independent combination of regressors, the strongest first. A "
-        "direction whose bar reaches down into the noise floor was not excited: what H_k says about it is "
-        "noise, however good the condition number looks. The weakest direction here: "
+        "How strongly the flight excited each independent combination of regressors, the strongest first. "
+        "A bar that reaches down into the noise floor marks a direction that was not excited. There H_k "
+        "holds only noise, even if the condition number looks good. The weakest direction here: "
         f"{weakest_words(windows.weakest, (*model.regressors, *model.inputs))}."
     )
     curves = []

@@ -100,8 +100,11 @@ def _place(log: object) -> str:
     path = getattr(log.log if isinstance(log, Result) else log, "path", "")
     if not Path(path).is_file():
         raise SettingsError(
-            "A fleet is made of files: this log was read from none.",
-            hint="Write it first: a DataFrame by to_csv, a simulated flight by `quadid-log simulate`.",
+            "A fleet needs files, and this log was not read from one.",
+            hint=(
+                "Write it to a file first: a DataFrame with to_csv, a simulated flight with `quadid-log "
+                "simulate`."
+            ),
         )
     return path
 

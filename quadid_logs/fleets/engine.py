@@ -132,7 +132,7 @@ class _Dispatcher:
                 # In front, in their old order: the store must not depend on it, but people watch.
                 waiting.extendleft(reversed(self._in_flight.values()))
                 self._in_flight.clear()
-                self._events.notice("the scheduler went away; waiting for it")
+                self._events.notice("the scheduler does not answer; waiting for it")
                 self.leave()
                 self._client = self._connect(_SchedulerAwayError)
                 self._events.notice("the scheduler is back")
@@ -156,7 +156,7 @@ class _Dispatcher:
                 if time.monotonic() >= until:
                     raise failure_type(
                         f"The scheduler {printable(self._address)} does not answer.",
-                        hint="Check the address; go on with --resume.",
+                        hint="Check the address, and continue with --resume.",
                     ) from error
             time.sleep(_RECONNECT_S)
 
@@ -207,7 +207,7 @@ class _Dispatcher:
     def _put_on_retry_list(self, task: Task, what: str) -> None:
         """Try a log whose process died again, alone, after the others; after that it is a row."""
         if task in self.retry_list:
-            self._events.take(failure(task, "", LOST, f"{what}, alone and repeatedly."))
+            self._events.take(failure(task, "", LOST, f"{what}, repeatedly and when run alone."))
             self._events.notice(f"{printable(task.file.url)} kills the process that analyzes it")
         else:
             self.retry_list.append(task)

@@ -88,7 +88,7 @@ def find_logs(places: Iterable[str]) -> tuple[LogFile, ...]:
         if not here:
             raise LogNotFoundError(
                 f"There is no log at {printable(without_secrets(place))}.",
-                hint=f"Of a folder, files that end in {', '.join(log_suffixes())} are taken.",
+                hint=f"In a folder, files that end in {', '.join(log_suffixes())} are used.",
             )
         found |= {file.url: file for file in here}
     return tuple(found[url] for url in sorted(found))
@@ -211,7 +211,7 @@ def _file_system(url: str) -> tuple[Any, str]:
         shown = without_secrets(url)
         raise FetchError(
             f"{printable(shown)}: {_redacted(error, url) or type(error).__name__}.",
-            hint="Each protocol needs its fsspec library; check the address.",
+            hint="Check the address, and that the fsspec library of its protocol is installed.",
         ) from (error if shown == url else None)
     return files, str(path)
 
@@ -260,7 +260,7 @@ def _local_hash(path: str) -> str:
     """Hash a file; an own error for what is not there, or is no file (a pipe would never end)."""
     try:
         if not Path(path).is_file():
-            raise FetchError("The file is gone, or is no regular file.")
+            raise FetchError("The file is gone, or it is not a regular file.")
         with Path(path).open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:

@@ -33,10 +33,12 @@ _DRAWN: Final = {"gain": "effectiveness", "damping": "damping"}
 _VERDICTS: Final = ("usable", "caution", "refused")
 #: What a change of these quantities is typically a sign of, the most specific first.
 _CAUSES: Final = (
-    ("from", "One rotor gives more or less thrust than the others (propeller, motor, speed controller), or "
-             "the flight controller sits askew."),
-    ("lag", "The rotors respond later or sooner: propellers, motors, or the ESCs' settings."),
-    ("gain", "Inertia, load, propellers or battery changed; the balance of the rotors did not."),
+    ("from", (
+        "One rotor gives more or less thrust than the others (propeller, motor, ESC), or the flight "
+        "controller is mounted at an angle."
+    )),
+    ("lag", "The rotors respond later or sooner. Check propellers, motors and ESC settings."),
+    ("gain", "Inertia, load, propellers or battery changed. The balance of the rotors did not."),
     ("damping", "The propellers or the shape in the wind changed."),
 )  # fmt: skip
 
@@ -139,18 +141,18 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
     lines = []
     if n_compared:
         lines.append(
-            f"No vehicle changed: in {counted(n_compared, 'vehicle')} with at least {2 * MIN_RUN} "
-            "flights that can be compared, none differ from those before by more than flights differ anyway."
+            f"No vehicle changed. {counted(n_compared, 'vehicle')} with at least {2 * MIN_RUN} comparable "
+            "flights were checked: no flights differ from earlier ones by more than the normal scatter."
         )
     if n_placed:
         lines.append(f"None of {counted(n_placed, 'vehicle')} is an outlier among others of its model.")
     if n_short:
         lines.append(
-            f"{counted(n_short, 'vehicle')} with fewer than {2 * MIN_RUN} flights that can be compared: "
-            "too few for a change to be found; only large differences would show."
+            f"{counted(n_short, 'vehicle')} with fewer than {2 * MIN_RUN} comparable flights: only large "
+            "differences would be found."
         )
     if n_without:
-        lines.append(f"{counted(n_without, 'vehicle')} without any usable axis: nothing could be compared.")
+        lines.append(f"{counted(n_without, 'vehicle')} without a usable axis: nothing could be compared.")
     page: str = (
         environment("quadid_logs.fleets")
         .get_template("fleet.html")
@@ -212,7 +214,7 @@ def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str])
     about = (
         history.model,
         history.firmware,
-        f"named by its {history.vehicle_from}" if history.vehicle_from else "",
+        f"named after its {history.vehicle_from}" if history.vehicle_from else "",
     )
     shown = list(enumerate(history.flights))[-_MOST_FLIGHTS:]
     # A centre of mass off the middle is a fact, no alarm.
@@ -221,7 +223,7 @@ def _vehicle_row(number: int, history: VehicleHistory, links: Mapping[str, str])
     if not history.n_known:
         nothing_found = "nothing to compare: no usable axis"
     elif not history.can_show_change:
-        nothing_found = f"too few flights to find a change ({history.n_known}; {2 * MIN_RUN} needed)"
+        nothing_found = f"too few flights to find a change: {history.n_known}, and {2 * MIN_RUN} are needed"
     else:
         nothing_found = "no change"
     # Of each axis in the last flight that tells them, and whether they are too small.
@@ -349,9 +351,11 @@ def _scatter_story(history: VehicleHistory) -> _Story:
         flights = f"flights {one.first + 1} to {one.last + 1}"
         items.append(f"{name}: {low} to {high} {unit} in {flights} ({p_words(one.p_value)})")
     return _Story(
-        head="flights are not one vehicle: they scatter far beyond their intervals",
+        head="flights are not of one vehicle: they scatter far beyond their intervals",
         items=tuple(items),
-        cause="Two vehicles have one name, or the vehicle was rebuilt in between. Give each its own name.",
+        cause=(
+            "Two vehicles have the same name, or the vehicle was rebuilt in between. Give each its own name."
+        ),
         drawing=_drawing(history, found[0].name, found[0].axis),
     )
 
@@ -359,9 +363,13 @@ def _scatter_story(history: VehicleHistory) -> _Story:
 def _decided_by(found: OpenChange) -> str:
     """Say what it takes to decide."""
     if found.n_missing:
-        return "one more decides" if found.n_missing == 1 else f"{_NUMBERS[found.n_missing]} more decide"
+        noun = "flight" if found.n_missing == 1 else "flights"
+        return f"{_NUMBERS[found.n_missing]} more {noun} will decide"
     before = "1 flight" if found.n_before == 1 else f"{found.n_before} flights"
-    return f"{before} before {'is' if found.n_before == 1 else 'are'} too few to tell a change from bad days"
+    return (
+        f"{before} before {'is' if found.n_before == 1 else 'are'} too few to distinguish a change from bad "
+        "days"
+    )
 
 
 def _largest_first(shifts: Sequence[Shift]) -> list[Shift]:
@@ -376,7 +384,7 @@ def _shift_words(shift: Shift, unit: str) -> str:
         for v in (shift.before, shift.after, shift.margin)
     )
     chance = "" if math.isnan(shift.p_value) else f"; {p_words(shift.p_value)}"
-    return f"{name}: {before} to {after} {unit} (up to {margin} is no change{chance})"
+    return f"{name}: {before} to {after} {unit} (smallest detectable change {margin}{chance})"
 
 
 def _outlier_story(history: VehicleHistory) -> _Story:
@@ -388,7 +396,7 @@ def _outlier_story(history: VehicleHistory) -> _Story:
             _rounded(factor * v, factor * one.typical, factor * one.margin)
             for v in (one.value, one.typical, one.margin)
         )
-        items.append(f"{name}: {value} {unit}, the others have {typical} ± {margin}")
+        items.append(f"{name}: {value} {unit}, others of the model {typical} ± {margin}")
     return _Story(
         head=f"is an outlier among {printable(history.model, 80)}",
         items=tuple(items),

@@ -71,7 +71,7 @@ def sparkline(one: Series, label: str, changes: Sequence[int]) -> Sparkline | No
     spread = float(np.median(half))
     least, most = (resolved(end, end - spread, end + spread) for end in (low, high))
     now = resolved(value[-1], value[-1] - half[-1], value[-1] + half[-1])
-    words = f"{label} over {len(one.known)} flights: {least} to {most}, now {now}"
+    words = f"{label} over {len(one.known)} flights: {least} to {most}, latest {now}"
     if changes:
         words += f"; changed at flight {', '.join(str(flight + 1) for flight in changes)}"
     return Sparkline(

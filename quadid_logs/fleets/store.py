@@ -92,10 +92,13 @@ class Store:
         if exists:
             # Refuse a folder of something else, and a store that nobody wants to go on with.
             if not (folder / DATABASE).is_file():
-                raise OutputError(f"{printable(folder)} exists and is no store.", hint="Choose another -o.")
+                raise OutputError(
+                    f"{printable(folder)} exists and is not a fleet store.", hint="Choose another -o."
+                )
             if not resume:
                 raise OutputError(
-                    f"{printable(folder)} exists already.", hint="Add --resume to add what is missing."
+                    f"{printable(folder)} exists already.",
+                    hint="Add --resume to analyze the logs that are missing.",
                 )
         with new_folder(folder), self._writing():
             self._database = sqlite3.connect(folder / DATABASE, timeout=_PATIENCE_S, isolation_level=None)
@@ -363,7 +366,7 @@ def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
     path = folder / DATABASE
     if not path.is_file():
         raise SettingsError(
-            f"{printable(folder)} is no store of a fleet.",
+            f"{printable(folder)} is not a fleet store.",
             hint="Make one with `quadid-log fleet LOGS -o STORE`.",
         )
     try:
@@ -375,5 +378,6 @@ def _reading(folder: Path) -> Iterator[sqlite3.Connection]:
             yield database
     except sqlite3.DatabaseError as error:
         raise SettingsError(
-            f"{printable(path)} cannot be read: {error}.", hint="Resume the run, or copy the whole folder."
+            f"{printable(path)} cannot be read: {error}.",
+            hint="Resume the run with --resume, or copy the whole folder again.",
         ) from error

@@ -90,7 +90,7 @@ def work(task: Task) -> Outcome:
 
         limit = resource.getrlimit(resource.RLIMIT_DATA)[0]
         memory = "the" if limit == resource.RLIM_INFINITY else f"the {limit / 1e9:.2g} GB"
-        return failure(task, "", LOST, f"Its analysis takes more than {memory} of memory of a worker.")
+        return failure(task, "", LOST, f"Its analysis needs more memory than a worker has ({memory}).")
     except Exception as error:  # noqa: BLE001 - a full disk, say: one log must never stop the others
         return failure(task, "", LOST, f"The worker failed: {type(error).__name__}: {printable(error)}.")
 

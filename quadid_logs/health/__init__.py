@@ -37,8 +37,14 @@ __all__ = ["faults_of", "health_of"]
 
 #: What a topic cannot do without, and what is wrong where all of it is logged.
 _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
-    "tracking": (("body_rate", "body_rate_setpoint"), "both are not logged together in flight"),
-    "attitude": (("attitude", "attitude_setpoint"), "both are not logged together in flight"),
+    "tracking": (
+        ("body_rate", "body_rate_setpoint"),
+        "the measured values and their set-points are not logged together in flight",
+    ),
+    "attitude": (
+        ("attitude", "attitude_setpoint"),
+        "the measured values and their set-points are not logged together in flight",
+    ),
     "steps": (
         ("body_rate", "body_rate_setpoint"),
         "the set-points do not explain the rates, or are logged too slowly",

@@ -85,8 +85,8 @@ def find_battery(
         per_cell = lowest / n_cells
         judged = {
             "normal": "which is normal (3.5 V or more)",
-            "high": "below 3.5 V, where pilots are warned to land",
-            "severe": "below 3.3 V, where pilots are warned to land at once",
+            "high": "below 3.5 V, at which pilots should land",
+            "severe": "below 3.3 V, at which pilots must land at once",
         }[level]
         plural = "s" if n_cells > 1 else ""
         told += f": {per_cell:.2f} V for each of {n_cells} cell{plural}, {judged}"

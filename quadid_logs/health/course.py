@@ -57,12 +57,12 @@ def find_rates(rate: CleanSeries, intervals: Sequence[Interval]) -> Course | Non
     fast = np.percentile(size, _NEARLY_ALL, axis=0)
     highest = float(size.max())
     clipped = highest >= (1.0 - _SAME_RANGE) * _GYRO_DEG_S
-    told = f"In 99 % of the flight the rates stay below: {_by_axis(fast, 2)} deg/s. "
+    told = f"In 99 % of the flight the rates stay below these values: {_by_axis(fast, 2)} deg/s. "
     told += f"The fastest is {highest:.0f} deg/s, "
     told += (
-        "about where most gyros end."
+        "close to the end of most gyros' range."
         if clipped
-        else f"which a gyro measures (most end at {_GYRO_DEG_S:.0f})."
+        else f"which most gyros measure (up to {_GYRO_DEG_S:.0f} deg/s)."
     )
     return _course(
         record,
@@ -106,7 +106,10 @@ def find_tilt(attitude: CleanSeries, intervals: Sequence[Interval]) -> Course | 
     told += (
         f"which is normal (below {_FAILING_TILT_DEG:.0f})."
         if within
-        else f"more than the {_FAILING_TILT_DEG:.0f} deg of normal flight: acrobatics, or a loss of control."
+        else (
+            f"more than the {_FAILING_TILT_DEG:.0f} deg of normal flight. The cause is acrobatics or a loss "
+            "of control."
+        )
     )
     return _course(
         record,
@@ -116,7 +119,7 @@ def find_tilt(attitude: CleanSeries, intervals: Sequence[Interval]) -> Course | 
         label="tilt",
         unit="deg",
         columns=("tilt",),
-        limits=((_FAILING_TILT_DEG, "beyond, acrobatics or a loss of control"),),
+        limits=((_FAILING_TILT_DEG, "above this: acrobatics or a loss of control"),),
         figures={
             "p99": Quantity(
                 float(np.radians(most)), "rad", normal=(0.0, float(np.radians(_FAILING_TILT_DEG)))
@@ -208,17 +211,18 @@ def find_throttle(throttle: CleanSeries, intervals: Sequence[Interval]) -> Cours
     if half < low <= rest:
         level = "fact"
         told += (
-            f"and {_percent(rest)} without the {number(100.0 * float(np.mean(cut)), 2)} % of the flight in "
-            "which it is at its lower end: it does not show where the vehicle hovers."
+            f"and {_percent(rest)} without the {number(100.0 * float(np.mean(cut)), 2)} % of the flight at "
+            "its lower end. It does not show the hover throttle."
         )
     elif half < low:
-        told += f"less than the {_percent(low)} of most vehicles in hover: there is power to spare."
+        told += f"less than the {_percent(low)} of most vehicles in hover: there is power in reserve."
     elif half <= high:
         told += f"which is normal (most vehicles hover at {_percent(low)} to {_percent(high)})."
     else:
         level = "high" if half <= _UNDERPOWERED else "severe"
         told += (
-            f"more than the {_percent(high)} of most vehicles in hover: little is left to climb and correct."
+            f"more than the {_percent(high)} of most vehicles in hover: little is left for climbing and "
+            "correcting."
         )
     if most < 1.0:
         told += f" The throttle stays below {_percent(most)} in 99 % of the flight."
@@ -276,8 +280,8 @@ def find_thrust(
     return _course(
         record,
         sentence=(
-            f"The logged thrust carries {words} on average. If that is not the vehicle's mass, the "
-            "newtons and newton metres of this log are wrong by the same factor."
+            f"The logged thrust carries {words} on average. If the vehicle's mass differs, the newtons and "
+            "newton metres of this log are wrong by the same factor."
         ),
         judged=True,
         label="thrust",
@@ -319,7 +323,7 @@ def find_torque(
     if not (moved > 0.0).all():
         return None
     share = mean / moved
-    told = f"The steady part of the torque is: {_by_axis(100.0 * share, 2)} % of its rms variation. "
+    told = f"Steady part of the torque, relative to its rms variation: {_by_axis(100.0 * share, 2)} %. "
     told += "A balanced vehicle in still air needs none."
     figures = {axis: Quantity(float(one), "1") for axis, one in zip(AXES, share, strict=True)}
     lift = None if thrust is None else _flown(thrust, intervals)
@@ -327,8 +331,8 @@ def find_torque(
         ahead, right = mean[[1, 0]] / float(lift.values[:, 0].mean()) * (1.0, -1.0)
         along, across = "ahead" if ahead > 0.0 else "behind", "right" if right > 0.0 else "left"
         told += (
-            f" That balances a centre of mass {number(1e3 * abs(ahead), 2)} mm {along} and "
-            f"{number(1e3 * abs(right), 2)} mm to the {across} of the rotors' middle."
+            f" This holds a centre of mass that lies {number(1000.0 * abs(ahead), 2)} mm {along} and "
+            f"{number(1000.0 * abs(right), 2)} mm to the {across} of the rotors' middle."
         )
         figures |= {"ahead": Quantity(float(ahead), "m"), "right": Quantity(float(right), "m")}
     unit = "N m" if torque.name == "torque_n_m" else "1"

@@ -94,8 +94,8 @@ def find_motors(
         idle = ""
     else:
         idle = (
-            f" A motor is at its lower limit in {number(100.0 * at_low.value, 2)} % of the flight, where "
-            "it can give no less."
+            f" A motor is at its lower limit in {number(100.0 * at_low.value, 2)} % of the flight, and "
+            "cannot give less there."
         )
     hardest, least = names[int(np.argmax(mean))], names[int(np.argmin(mean))]
     pulses = spread.unit == "us"
@@ -174,6 +174,6 @@ def _against_yaw(torque: TorqueModel | None, as_sent: FloatArray, *, pulses: boo
         return ""
     told = f"{apart:.0f} µs" if pulses else f"{100.0 * apart:.0f} % of the range"
     return (
-        f" All motors that turn {harder} work at least {told} harder than the others: the vehicle holds "
-        "against a yaw torque. Check that no motor and no arm is twisted."
+        f" All motors that turn {harder} work at least {told} harder than the others, against a yaw torque. "
+        "Check that no motor and no arm is twisted."
     )

@@ -396,7 +396,7 @@ def source_words(line: Line) -> str:
     words = {
         LineSource.LOOP: f"{times}the frequency of the oscillation",
         LineSource.ROTOR: f"{times}the rotors' speed",
-        LineSource.FOLLOWS_THROTTLE: "it rises with the throttle, as a rotor's does",
+        LineSource.FOLLOWS_THROTTLE: "rises with the throttle, like a rotor's speed",
     }
     return words.get(line.source, "")
 
@@ -410,8 +410,8 @@ def _sentence(
     """
     if not searched:
         return (
-            f"The gyro is logged up to {number(highest_hz, 3)} Hz only, and set-points are not logged: "
-            "vibration cannot be separated from commands there."
+            f"The log shows the gyro only up to {number(highest_hz, 3)} Hz, and holds no set-points: "
+            "vibration cannot be separated from commands."
         )
     named = sorted(
         ((axis, line) for axis, found in lines.items() for line in found), key=lambda one: -one[1].height_db
@@ -429,9 +429,13 @@ def _sentence(
         if highest_hz > COMMANDED_HZ:
             more = "more than" if in_lines > 0.5 else "less than"
             part = number(100.0 * in_lines, 2)
-            told += f". Above {COMMANDED_HZ:.0f} Hz, lines hold {part} % of the gyro's power: {more} all else"
-    note = ". Vibration faster than the log can also appear at these frequencies" if folded and named else ""
+            told += f". Above {COMMANDED_HZ:.0f} Hz, lines hold {part} % of the gyro's power, {more} the rest"
+    note = (
+        ". Faster vibration can also appear at these frequencies, because the log is slow"
+        if folded and named
+        else ""
+    )
     if folded and not named:
         what = "Faster" if highest_hz >= _ROTOR_HZ else "Most rotors turn faster: their"
-        note = f". {what} vibration cannot be seen at this log rate"
+        note = f". {what} vibration is not visible at this logging rate"
     return f"{told}{note}."

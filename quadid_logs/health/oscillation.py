@@ -148,7 +148,7 @@ def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bo
     for one in found[:3]:
         # Which loop makes it.
         if one.overtone:
-            why = "It is a multiple of the stronger oscillation."
+            why = "Its frequency is a multiple of the stronger oscillation's."
         elif not one.rate_loop:
             why = "Nothing commands it: the attitude controller oscillates, or something shakes it."
         elif one.loop is OscillatingLoop.OUTER:
@@ -161,9 +161,9 @@ def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bo
                 "shakes it."
             )
         shown_of.setdefault(why, []).append(
-            f"{one.axis.capitalize()} oscillates at {one.line.frequency_hz:.1f} Hz, in its rate "
-            f"({number(float(np.degrees(one.line.rms)), 2)} deg/s rms) and in its output, in "
-            f"{100.0 * one.line.share:.0f} % of the flight."
+            f"{one.axis.capitalize()} oscillates at {one.line.frequency_hz:.1f} Hz in "
+            f"{100.0 * one.line.share:.0f} % of the flight, in its rate "
+            f"({number(float(np.degrees(one.line.rms)), 2)} deg/s rms) and in its output."
         )
     told = " ".join(
         f"{' '.join(shown)} {why if len(shown) == 1 else f'On each of them {continued(why)}'}"
@@ -171,7 +171,7 @@ def _sentence(found: Sequence[AxisOscillation], highest_hz: float, *, folded: bo
     )
     if folded:
         told += (
-            f" The log has {number(rate_hz, 3)} samples a second: a faster vibration can appear at that "
-            "frequency."
+            f" The log has only {number(rate_hz, 3)} samples per second: a faster vibration can appear at "
+            "that frequency."
         )
     return told

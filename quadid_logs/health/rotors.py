@@ -143,8 +143,10 @@ def find_rotors(prepared: Prepared, sent: Commanded | None, intervals: Sequence[
                 time_s=float("nan"),
                 size=shown,
                 p_value=shaking.p_value,
-                sentence=f"The propeller of {names[shaking.worst]} shakes the gyro at its own speed more "
-                f"than all others together ({number(float(np.degrees(shown.value)), 2)} deg/s rms).",
+                sentence=(
+                    f"The propeller of {names[shaking.worst]} shakes the gyro more than all others together "
+                    f"({number(float(np.degrees(shown.value)), 2)} deg/s rms at its own speed)."
+                ),
             )
         )
     force = series.get("specific_force")
@@ -158,8 +160,10 @@ def find_rotors(prepared: Prepared, sent: Commanded | None, intervals: Sequence[
                 time_s=desync.time_s,
                 size=Quantity(0.5, "1", (0.5, 1.0)),
                 p_value=desync.p_value,
-                sentence=f"{names[desync.rotor].capitalize()} lost half of its thrust or more for a moment, "
-                f"at {desync.time_s:.1f} s.",
+                sentence=(
+                    f"{names[desync.rotor].capitalize()} lost half of its thrust or more for a moment at "
+                    f"{desync.time_s:.1f} s."
+                ),
             )
         )
     faults.sort(key=lambda one: (one.code == _MASS, one.p_value))
@@ -486,8 +490,10 @@ def _weak(
         time_s=float("nan"),
         size=_loss(fit.gives),
         p_value=p_value,
-        sentence=f"{names[fit.rotor].capitalize()} gives {_percent(_loss(fit.gives))} less thrust than the "
-        "others for the same command, if the centre of mass is in their middle.",
+        sentence=(
+            f"{names[fit.rotor].capitalize()} gives {_percent(_loss(fit.gives))} less thrust than the "
+            "others for the same command, if the centre of mass is in the middle of the rotors."
+        ),
     )
 
 
@@ -567,4 +573,4 @@ def _sentence(faults: Sequence[RotorFault], changes: Sequence[Change | None], pl
     if worst > _HALF:
         return "No rotor fault was found. This log would not show the loss of half of a rotor's thrust."
     shown = max(100.0 * worst, 1.0)
-    return f"No rotor fault was found. A rotor that loses {shown:.0f} % of its thrust in flight would show."
+    return f"No rotor fault was found. Smallest detectable loss of a rotor's thrust in flight: {shown:.0f} %."

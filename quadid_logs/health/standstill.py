@@ -50,9 +50,11 @@ def find_standstill(outputs: CleanSeries, speed: CleanSeries, names: Sequence[st
                 continue
             rpm = 30.0 / np.pi * np.array([turns[first:last, rotor].mean(), slowest[first:last].mean()])
             longest = Standstill(
-                sentence=f"{name.capitalize()} turned at {rpm[0]:.0f} rpm for {length_s:.1f} s, from "
-                f"{speed.time_s[first]:.1f} s on. Its command was above the mean of the others, which turned "
-                f"at {rpm[1]:.0f} rpm or more. It stood still, or its speed was not measured.",
+                sentence=(
+                    f"From {speed.time_s[first]:.1f} s, {name} turned at only {rpm[0]:.0f} rpm for "
+                    f"{length_s:.1f} s. Its command was above the mean of the others, which turned at "
+                    f"{rpm[1]:.0f} rpm or more. It stood still, or its speed was not measured."
+                ),
                 level="severe",
                 findings=("QL436",),
                 rotor=rotor,

@@ -149,10 +149,10 @@ def find_steps(responses: dict[str, Response]) -> Steps | None:
     over = ", ".join(f"{axis} {max(0.0, 100.0 * one.overshoot.value):.0f} %" for axis, one in axes.items())
     high = [axis for axis, one in axes.items() if one.overshoot.value > _OVERSHOOT]
     level: Level = "high" if high else "normal"
-    limit = f"{100.0 * _OVERSHOOT:.0f} %, that of a loop with 45 degrees of phase margin"
+    limit = f"{100.0 * _OVERSHOOT:.0f} %, the overshoot of a loop with 45 degrees of phase margin"
     whose = "" if len(high) == len(axes) else f"on {listed(high)} "
     judged = f"{whose}more than the normal {limit}" if high else f"which is normal (below {limit})"
-    told = f"The rate reaches half of a step after: {late}. It overshoots by: {over}, {judged}."
+    told = f"Time to half of a step: {late}. Overshoot: {over}, {judged}."
     return Steps(sentence=told, level=level, axes=axes)
 
 

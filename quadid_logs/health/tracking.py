@@ -86,16 +86,14 @@ def find_tracking(
         else:
             verb = "misses" if len(beyond or little) == 1 else "miss"
             told, too = (
-                ("by as much as the set-points move, or more", "instead")
+                ("the set-points by as much as these move, or more", "instead")
                 if beyond
-                else ("more of the set-points than is followed (in power)", "as well")
+                else ("more than half of the set-points' power", "as well")
             )
             judged = (
                 f"{listed(beyond or little).capitalize()} {verb} {told}: gusts, vibration, an oscillation "
-                "or a limit "
-                f"move the vehicle {too}. That is normal only in a hover without commands or while a "
-                "system-ID run "
-                "moves the motors."
+                f"or a limit move the vehicle {too}. That is normal only in a hover without commands, or "
+                "during a system-ID run."
             )
         return Tracking(sentence=f"{_sentence(axes, of)} {judged}", axes=axes, judged=True)
     # For how much of the flight roll or pitch stays off what was asked, by how much.
@@ -111,19 +109,19 @@ def find_tracking(
     level: Level = "normal" if not off_s else "severe" if largest >= _FAIL_RAD else "high"
     if not off_s:
         judged = (
-            f"Roll and pitch follow, some late: they are never more than {warn:.0f} deg from all that was "
-            f"asked in the last {_LATE_S:.1f} s for longer than {_LASTS_S:g} s, which is normal."
+            f"Roll and pitch follow their set-points: apart from delays of up to {_LATE_S:.1f} s, they "
+            f"never miss them by more than {warn:.0f} deg for longer than {_LASTS_S:g} s. That is normal."
         )
     else:
         limit = (
-            f"beyond {fail:.0f} deg the vehicle does not follow"
+            f"above {fail:.0f} deg the vehicle does not follow"
             if level == "severe"
             else "in a normal flight that never happens"
         )
         judged = (
-            f"Roll or pitch is more than {warn:.0f} deg from all that was asked in the last {_LATE_S:.1f} s, "
-            f"for longer than {_LASTS_S:g} s, in {number(100.0 * share, 2)} % of the flight and by up to "
-            f"{most:.0f} deg: {limit}."
+            f"Roll or pitch misses its set-points by more than {warn:.0f} deg in {number(100.0 * share, 2)} "
+            f"% of the flight, by up to {most:.0f} deg: {limit}. Delays of up to {_LATE_S:.1f} s and misses "
+            f"shorter than {_LASTS_S:g} s do not count."
         )
     off = Quantity(share, "1", normal=(0.0, 0.0))
     return Tracking(sentence=f"{_sentence(axes, of)} {judged}", axes=axes, level=level, off=off)
@@ -159,8 +157,8 @@ def _sentence(axes: Mapping[str, AxisTracking], of: str) -> str:
             {axis: one.setpoint_rms for axis, one in axes.items()},
         )
     )
-    told = f"The {of} miss their set-points by: {errors} {unit} rms."
+    told = f"Error against the set-points (rms): {errors} {unit}."
     if of == "rates":
-        told += f" The set-points move by: {moved} {unit} rms."
+        told += f" Motion of the set-points (rms): {moved} {unit}."
     late = [f"{axis} {1e3 * one.lag.value:.0f} ms" for axis, one in axes.items() if one.lag is not None]
-    return f"{told} They lag by: {', '.join(late)}." if late else told
+    return f"{told} Lag: {', '.join(late)}." if late else told

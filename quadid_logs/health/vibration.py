@@ -31,7 +31,7 @@ _MEASURES: Final = (
     # Green below 4.905, red above 9.81 (source: docs/health.md).
     _Measured("vibration_level", "The autopilot's vibration metric", (4.905, 9.81)),
     # Behind a low-pass, or averaged: nothing published says what is normal.
-    _Measured("specific_force", "The logged acceleration's vibration above 5 Hz", ()),
+    _Measured("specific_force", "The vibration above 5 Hz in the logged acceleration", ()),
 )
 #: Autopilots measure vibration against the acceleration below this, too (docs/health.md) [Hz].
 _ABOVE_HZ: Final = 5.0
@@ -112,22 +112,22 @@ def _judged(measured: _Measured, record: Record, clips: Quantity | None) -> Vibr
     short = averaged(record)
     column = columns[worst]
     axis = f" along {column}" if column else ""
-    told = f"{measured.words} is below {number(value, 3)} m/s²{axis} in 99 % of the flight"
+    told = f"{measured.words} stays below {number(value, 3)} m/s²{axis} in 99 % of the flight"
     if measured.limits:
         normal_end, severe_end = measured.limits
         if value <= normal_end:
-            told += f", which is normal (below {normal_end:.3g})"
+            told += f", which is normal (up to {normal_end:.3g})"
         elif value <= severe_end:
-            told += f", more than the normal {normal_end:.3g}"
+            told += f". The normal limit is {normal_end:.3g}"
         else:
-            told += f", far more than the normal {normal_end:.3g}"
+            told += f". The normal limit is {normal_end:.3g}, which is far lower"
     if clips is None:
         told = f"{told}."
     elif clips.value == 0.0:
-        told = f"{told}; the accelerometer never clipped."
+        told = f"{told}. The accelerometer never clipped."
     else:
-        judged = "" if clips.value <= _MOST_CLIPS else ", more than the 100 that a flight may have"
-        told = f"{told}; the accelerometer clipped {clips.value:.0f} times{judged}."
+        judged = "" if clips.value <= _MOST_CLIPS else ". Normal is up to 100 times in a flight"
+        told = f"{told}. The accelerometer clipped {clips.value:.0f} times{judged}."
     return Vibration(
         findings=("QL435",) if clips is not None and clips.value > _MOST_CLIPS else (),
         sentence=told,

@@ -70,12 +70,11 @@ _WORSE = 0.1
 #: them, and next to nothing of a search in time: with more than twice that, air moves the vehicle.
 _MAY_EXPLAIN_R2 = 0.95
 _DEAD_ROTORS = (
-    "rotors that do not follow small changes of their command look like another expo, and this flight shows "
-    "them"
+    "rotors in this flight do not follow small changes of their command, which looks like another expo"
 )
 _NOT_A_RIGID_BODY = (
-    "This flight does not show that the vehicle is a single rigid body: its gyroscopic terms are not seen, "
-    "or the equations fitted one by one explain held-out flight better."
+    "This flight does not show that the vehicle is a single rigid body. Its gyroscopic terms are not "
+    "significant, or equations fitted one by one predict validation data better."
 )
 #: Equivalent noise bandwidth of the Gaussian over its cut-off: sqrt(pi / ln 2) / 2.
 _NOISE_BANDWIDTH = 1.0645
@@ -120,7 +119,7 @@ def identify(
     if slowest_hz < MIN_RATE_HZ:
         yaw = fit_slow_yaw(data, structures[0], settings, slowest_hz)
         if yaw is None:
-            return Identification(skipped=f"torque and rates were logged at {slowest_hz:.3g} Hz only")
+            return Identification(skipped=f"torque and rates were logged at only {slowest_hz:.3g} Hz")
         return replace(_identified(data, (yaw[0],), yaw[1]), only_yaw=True)
     band = default_band(settings, data.sample_period_s)
     data = most_excited(data, settings.most_samples)
@@ -307,9 +306,9 @@ def default_band(settings: IdentifySettings, sample_period_s: float) -> Band:
     rate_hz = 1.0 / sample_period_s
     if 2.0 * settings.smoothing_hz >= rate_hz:
         raise SettingsError(
-            f"The band goes up to {settings.smoothing_hz:g} Hz, but this log is on a clock of "
+            f"The band goes up to {settings.smoothing_hz:g} Hz, too high for a log resampled to "
             f"{rate_hz:.4g} Hz.",
-            hint="Give a --band below half of that.",
+            hint="Give a --band that ends below half of the log's rate.",
         )
     return Band(
         settings.high_pass_hz, settings.smoothing_hz or min(_SMOOTHING_HZ, rate_hz / SAMPLES_PER_CYCLE)

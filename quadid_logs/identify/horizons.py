@@ -236,11 +236,12 @@ def fit_predictor(
     names = [str(number) for number in range(len(flights))] if sets is None else [*sets]
     if len(names) != len(flights) or len(set(names)) < 2:
         raise SettingsError(
-            "Intervals of predictions come from flights that were left out: two sets of flights are needed.",
+            "At least two sets of flights are needed: intervals of predictions come from flights that were "
+            "left out.",
             hint="Name two flights or more, and one set for each.",
         )
     if not steps or min(steps) < 1:
-        raise SettingsError("A horizon is one step or more.")
+        raise SettingsError("A horizon must be at least one step.")
     period_s = flights[0].sample_period_s
     for flight in flights:
         _check_same(flight, period_s, _unit(flights[0]))
@@ -302,12 +303,12 @@ def _check_same(data: FlightData, period_s: float, unit: str) -> None:
     if _unit(data) != unit:
         raise SettingsError(
             f"The torque of one flight is in {unit!a}, that of another in {_unit(data)!a}.",
-            hint="Describe the vehicle for all flights (--vehicle), so that all are in N m.",
+            hint="Describe the vehicle with --vehicle: all flights are then in N m.",
         )
     if not np.isclose(data.sample_period_s, period_s, rtol=1e-3):
         raise SettingsError(
-            f"The flights are on clocks of {1.0 / period_s:.4g} and {1.0 / data.sample_period_s:.4g} Hz.",
-            hint="Give --sample-rate-hz for all.",
+            f"The flights were resampled to {1.0 / period_s:.4g} and {1.0 / data.sample_period_s:.4g} Hz.",
+            hint="Set one rate for all flights with --sample-rate-hz.",
         )
 
 
@@ -338,7 +339,7 @@ def _rows_of(data: FlightData, groups: Sequence[str], span: _Span) -> _Rows:
     for name in groups:
         columns = _columns(data, START_TERMS[name])
         if columns is None:
-            raise EmptyLogError(f"The flight lacks what the others have: {name}.")
+            raise EmptyLogError(f"The flight lacks a signal that the others have: {name}.")
         started.append((name, columns))
     parts = [
         _rows_in(segment, [(name, columns[number]) for name, columns in started], span)

@@ -237,7 +237,7 @@ def _caveats_by_target(design: Design, validation: Validation) -> dict[str, str]
     """Return the targets of whose equations nothing is identified, with the reason."""
     least = MIN_SIGNAL_TO_NOISE / (1.0 + MIN_SIGNAL_TO_NOISE)
     caveats = {
-        target: f"the model explains {explained_words(r2)} of held-out {target}"
+        target: f"on validation data the model predicts {explained_words(r2)} of {target}"
         for target, r2 in validation.r2_acceleration.items()
         if not max(r2, validation.r2_commanded.get(target, r2)) >= least
     }

@@ -191,7 +191,7 @@ def _gyroscopic_caveat(structure: Structure, estimate: Estimate) -> str:
     if excess <= _PRODUCTS_OF_INERTIA + float(np.linalg.norm(half_width)):
         return ""
     return (
-        f"no rigid body has gyroscopic coefficients {value[0]:.2g}, {value[1]:.2g}, {value[2]:.2g}: "
+        f"no rigid body has the gyroscopic coefficients {value[0]:.2g}, {value[1]:.2g}, {value[2]:.2g}: "
         "their sum and product must cancel"
     )
 
@@ -199,10 +199,13 @@ def _gyroscopic_caveat(structure: Structure, estimate: Estimate) -> str:
 def _caveat(term: Term, half_width: float, scale: float, *, kept: bool) -> str:
     """Return why a coefficient is not identified, "" if it is."""
     if not kept:
-        return f"left out: the flight does not excite {term.symbol} enough to see its effect"
+        return f"left out: the flight does not excite {term.symbol} enough to show its effect"
     if not np.isfinite(half_width):
-        return "its interval cannot be told"
+        return "its interval cannot be computed"
     if half_width > MAX_RELATIVE_CI * scale:
         ends = -half_width, half_width
-        return f"the 95 % interval of ±{resolved(half_width, *ends)} is wide against {resolved(scale, *ends)}"
+        return (
+            f"the 95 % interval of ±{resolved(half_width, *ends)} is wide compared with "
+            f"{resolved(scale, *ends)}"
+        )
     return ""

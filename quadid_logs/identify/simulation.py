@@ -74,7 +74,7 @@ def simulate_rates(
             hint="Give torque (n, 3) and time (n,) with n of at least 2.",
         )
     if not (np.isfinite(torque).all() and np.isfinite(time_s).all() and (np.diff(time_s) > 0.0).all()):
-        raise ShapeError("Torques and times must be finite, and times increase.")
+        raise ShapeError("Torques and times must be finite, and times must increase.")
     start = [np.zeros(3) if given is None else given for given in (start_rate_rad_s, start_attitude_rad)]
     # What does not depend on the state, behind lag and delay.
     lag_s, delay_s = (0.0, 0.0) if model.actuator is None else (model.actuator.lag_s, model.actuator.delay_s)
@@ -151,6 +151,6 @@ def _of_state(term: Term) -> Callable[[FloatArray], float] | None:
     if term.symbol in (TRIM.symbol, THROTTLED_YAW.symbol, YAW_REACTION.symbol):
         return None
     raise SettingsError(
-        f"The regressor {term.symbol!a} does not follow from rates, attitude, torque and throttle.",
+        f"The regressor {term.symbol} cannot be computed from rates, attitude, torque and throttle.",
         hint="Simulate a structure without it.",
     )

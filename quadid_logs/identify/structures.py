@@ -169,13 +169,13 @@ def own_structure(name: str, terms: Iterable[str | Term]) -> Structure:
     ('p', 'q', 'r', 'qr', '1', 'L', 'M', 'N')
     """
     if not name or any(name == each.name for each in STRUCTURES):
-        raise SettingsError(f"The name {name!a} of a structure is taken or empty.", hint="Choose another.")
+        raise SettingsError(f"The structure name {name} is empty or already used.", hint="Choose another.")
     terms = tuple(terms)
     unknown = [each for each in terms if isinstance(each, str) and each not in TERMS]
     if unknown:
-        raise SettingsError(f"There is no term {unknown[0]!a}.", hint=f"Choose of {', '.join(TERMS)}.")
+        raise SettingsError(f"There is no term {unknown[0]!a}.", hint=f"Choose from {', '.join(TERMS)}.")
     chosen = tuple(TERMS[each] if isinstance(each, str) else each for each in terms)
     symbols = [*(term.symbol for term in chosen), *TORQUE_SYMBOLS]
     if len(set(symbols)) < len(symbols):
-        raise SettingsError(f"A term of {name!a} is there twice.", hint="Leave one of the two out.")
+        raise SettingsError(f"The structure {name} holds a term twice.", hint="Leave one of the two out.")
     return Structure(name, RATE_SYMBOLS, chosen, ACCELERATION_SYMBOLS, "equation by equation")

@@ -376,9 +376,9 @@ def _throttled_yaw(torque: FloatArray, throttle: FloatArray | None) -> FloatArra
 
 #: The Euler angles, in the order of their columns.
 ANGLE_SYMBOLS: Final = ("phi", "theta", "psi")
-RATE_TERMS: Final = (_rate(0, "p, q, r: the rates themselves, as in damping"), _rate(1), _rate(2))
+RATE_TERMS: Final = (_rate(0, "p, q, r: the rates themselves, for damping"), _rate(1), _rate(2))
 SQUARES: Final = (
-    _product("pp", "pp, qq, rr: squares of the rates, which act where products of inertia are"),
+    _product("pp", "pp, qq, rr: squares of the rates, which act if there are products of inertia"),
     _product("qq"),
     _product("rr"),
 )
@@ -398,14 +398,16 @@ ANGLES: Final = (
 )
 #: The constant of an equation.
 TRIM: Final = Term(
-    symbol="1", units=("rad/s^2", "rad/s"), words="1: a constant angular acceleration, as of a bent arm"
+    symbol="1",
+    units=("rad/s^2", "rad/s"),
+    words="1: a constant angular acceleration, for example from a bent arm",
 )
 INPUTS: Final = (_torque(0), _torque(1), _torque(2))
 #: Yaw comes from drag of the rotors, which grows with throttle in another way than thrust does.
 THROTTLED_YAW: Final = TorqueTerm(
     symbol="N*throttle",
     units=("rad/s^2", "rad/s"),
-    words="N*throttle: by how much yaw answers more strongly at more throttle",
+    words="N*throttle: the stronger response of yaw at more throttle",
     of_torque=_throttled_yaw,
 )
 #: Rotors that speed up turn the vehicle against their spin, beside their drag: with the inertia J_r and the
@@ -458,7 +460,7 @@ WIND: Final = (
     AttitudeTerm(
         symbol="cos(psi)",
         units=("rad/s^2", "rad/s"),
-        words="cos(psi), sin(psi): a constant wind, met from the sides that the heading says",
+        words="cos(psi), sin(psi): a constant wind, whose direction in body axes changes with the heading",
         of_attitude=lambda attitude, _period_s: np.cos(attitude[:, 2]),
     ),
     AttitudeTerm(

@@ -384,14 +384,16 @@ def _judged(expo: AssumedExpo, found: _Found, scale: float) -> tuple[ThrustCurve
         varied = f"thrust varied by a factor of {found.thrust_ratio:.3g}"
         enough = found.thrust_ratio >= _THRUST_TO_FLY
         reason = (
-            f"{varied}, but other effects on roll and pitch hide the curve; in calm air, move the sticks "
+            f"{varied}, but other effects on roll and pitch hide the curve: in calm air, move the sticks "
             "while you climb and descend"
             if enough
-            else f"{varied}, and more was not flown; climb and descend so that it varies by "
-            f"{_THRUST_TO_FLY:g}"
+            else (
+                f"{varied}, which is too little: climb and descend so that it varies by a factor of "
+                f"{_THRUST_TO_FLY:g}"
+            )
         )
     if not reason and not _POSSIBLE[0] <= value <= _POSSIBLE[1]:
-        reason = "the effectiveness changes with thrust more than any propeller's curve makes it"
+        reason = "the effectiveness changes more with thrust than any propeller's curve allows"
     if reason:
         middle, reach = 0.5 * sum(_PROPELLERS), 0.5 * (_PROPELLERS[1] - _PROPELLERS[0])
         half = expo.half_width or float(np.hypot(reach, expo.value - middle))

@@ -183,7 +183,7 @@ class Logs:
             if file.tell() != log.size:
                 raise LinkError(
                     f"The card gave {file.tell()} of {log.size} bytes of {printable(source.name)}.",
-                    hint="Check the card; the same command goes on where it stopped.",
+                    hint="Check the card. The same command continues where it stopped.",
                 )
         elif self._files is not None:
             self._files.read(log.path, file, log.size, tell)
@@ -209,8 +209,8 @@ class Logs:
         with contextlib.suppress(OSError):
             part.unlink()
         raise LinkError(
-            f"{printable(log.name)} is not what the vehicle has: the checksums differ.",
-            hint="Run the command again: it starts over.",
+            f"The copy of {printable(log.name)} differs from the log on the vehicle: the checksums differ.",
+            hint="Run the command again: it starts from the beginning.",
         )
 
     def _find(self, folder: Path) -> Iterator[RemoteLog]:

@@ -77,7 +77,7 @@ class FileTransfer:
             answer = self._ask(_LIST, folder.encode(), offset=listed)
             if answer is None and listed:
                 raise LinkError(
-                    f"The vehicle stopped in the list of {folder}.", hint="Run the same command again."
+                    f"The vehicle stopped while it listed {folder}.", hint="Run the same command again."
                 )
             if answer is None:
                 self.silent = True
@@ -166,12 +166,12 @@ class FileTransfer:
                 return answer
             if answer.error != _NO_SESSION_LEFT:
                 raise LinkError(
-                    f"The vehicle does not open {path}: error {answer.error} of its file transfer.",
+                    f"The vehicle does not open {path}: its file transfer reports error {answer.error}.",
                     hint="Run the command with --list: the log may have been erased.",
                 )
             time.sleep(self._vehicle.patience.answer_s)
         raise LinkError(
-            f"The vehicle gives no session to read {path}.",
+            f"The vehicle opens no session to read {path}.",
             hint="Another program may hold it: close it, wait ten seconds, and run the command again.",
         )
 

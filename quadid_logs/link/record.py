@@ -129,7 +129,7 @@ class Recorder:
             self._driver = _ByBlocks(vehicle, self._patience, self.state.losses, self._new_file)
         else:
             raise LinkError(
-                "This autopilot streams no log over MAVLink.",
+                "This autopilot cannot stream its log over MAVLink.",
                 hint="Fly, then use `quadid-log fetch` on its card.",
             )
 
@@ -159,7 +159,7 @@ class Recorder:
         except OSError as error:
             raise OutputError(
                 f"{printable(self.state.path or self._folder)} cannot be written: {error.strerror or error}.",
-                hint="What was written until then is a log.",
+                hint="The file up to that point is a complete log.",
             ) from error
         finally:
             self._close()
@@ -289,7 +289,7 @@ class _ByFrames:
             if self._stopped:
                 return
         self._losses.events.append(
-            "The vehicle did not confirm the end of the stream: it may go on streaming until it restarts."
+            "The vehicle did not confirm the end of the stream. It may continue to stream until it restarts."
         )
 
     def close(self, now_s: float) -> None:
@@ -319,7 +319,9 @@ class _ByFrames:
         # The first frame may come twice; that of another log follows another start.
         if begins_log(data, first) and (self._stream is None or self._sent_s > self._begun_s):
             if self._stream is not None:
-                self._losses.events.append("The vehicle started a new log: what follows is in another file.")
+                self._losses.events.append(
+                    "The vehicle started a new log, which is recorded in another file."
+                )
             self._stream, self._begun_s = ULogStream(self._new_file(), self._losses), now_s
         if self._stream is None:
             # In the middle of a stream that an earlier recording left on.
@@ -430,7 +432,9 @@ class _ByBlocks:
         if self._stream is None and not int(value) & _MAVLINK_BIT:
             raise LinkError(
                 f"LOG_BACKEND_TYPE is {int(value)}: the vehicle does not log over MAVLink.",
-                hint=f"Set it to {int(value) | _MAVLINK_BIT}, restart the vehicle, and run this again.",
+                hint=(
+                    f"Set it to {int(value) | _MAVLINK_BIT}, restart the vehicle, and run this command again."
+                ),
             )
 
     def _take_block(self, number: int, data: bytes, now_s: float) -> None:
@@ -444,7 +448,9 @@ class _ByBlocks:
                 self._answer(_STOP_BLOCKS, _ACK)
                 return
             if self._stream is not None:
-                self._losses.events.append("The vehicle started a new log: what follows is in another file.")
+                self._losses.events.append(
+                    "The vehicle started a new log, which is recorded in another file."
+                )
             self._stream = BlockStream(self._new_file(), self._losses)
         if self._stream is not None and self._stream.take(number, data, now_s):
             self._data_s = now_s

@@ -93,5 +93,5 @@ def receive(
         if idle >= vehicle.patience.tries:
             raise LinkError(
                 f"The vehicle stopped sending after {position} of {size} bytes.",
-                hint="Run the same command again: it goes on where it stopped.",
+                hint="Run the same command again: it continues where it stopped.",
             )

@@ -15,8 +15,8 @@ from quadid_logs.errors import LinkError, SettingsError
 from quadid_logs.untrusted import printable
 
 _FORMS: Final = (
-    "Give a serial port (/dev/ttyACM0 or COM3, with @BAUD for the rate), udp:PORT to listen, "
-    "udpout:HOST:PORT, tcp:HOST:PORT, or the folder of a mounted card."
+    "Give the address of a vehicle: a serial port (/dev/ttyACM0 or COM3, with @BAUD for the rate), "
+    "udp:PORT to listen, udpout:HOST:PORT or tcp:HOST:PORT. Or give the folder of a mounted card."
 )
 _PORT = re.compile(r"(/dev/[^@]+|COM\d+)(?:@(\d{1,7}))?", re.IGNORECASE)
 #: The rate of telemetry radios; on USB any value serves.
@@ -70,7 +70,7 @@ def device_of(address: str) -> tuple[str, int]:
             return f"udpin:{host or '0.0.0.0'}:{port}", _BAUD  # noqa: S104 - telemetry comes from another machine
         if colon and host:
             return f"{kind}:{host}:{port}", _BAUD
-    raise SettingsError(f"{printable(address)} is no address of a vehicle.", hint=_FORMS)
+    raise SettingsError(f"{printable(address)} is not the address of a vehicle.", hint=_FORMS)
 
 
 class Vehicle:
@@ -193,7 +193,7 @@ class Vehicle:
     def _closed(self) -> None:
         raise LinkError(
             f"The other end closed the link {self._address}.",
-            hint="Run the same command again: it goes on where it stopped.",
+            hint="Run the same command again: it continues where it stopped.",
         )
 
     def _wait_for_heartbeat(self) -> None:
@@ -218,7 +218,7 @@ class Vehicle:
         except Exception as error:  # pymavlink raises whatever the system and the bytes cause
             raise LinkError(
                 f"The link {self._address} failed: {printable(error) or type(error).__name__}.",
-                hint="Check address, cable and permissions; the same command goes on where it stopped.",
+                hint="Check address, cable and permissions. The same command continues where it stopped.",
             ) from error
 
 

@@ -94,8 +94,8 @@ def solve_least_squares(regressors: FloatArray, targets: FloatArray) -> LeastSqu
     n_samples, n_regressors = regressors.shape
     if targets.shape[0] != n_samples or n_samples < n_regressors:
         raise ShapeError(
-            f"{n_samples} samples of {n_regressors} regressors do not determine "
-            f"targets of shape {targets.shape}."
+            f"{n_samples} samples cannot determine {n_regressors} coefficients for targets of shape "
+            f"{targets.shape}."
         )
     scale = column_scale(regressors)
     # QR first: the SVD of the small triangle has the same singular values and costs nothing.

@@ -67,7 +67,7 @@ def stack_windows(series: FloatArray, *, width: int, stride: int, step: int = 1)
            [2., 3., 4.]])
     """
     if min(width, stride, step) < 1:
-        raise ShapeError(f"width {width}, stride {stride} and step {step} must all be at least 1.")
+        raise ShapeError(f"width ({width}), stride ({stride}) and step ({step}) must all be at least 1.")
     span = (width - 1) * step + 1
     if series.shape[0] < span:
         return np.empty((0, width, series.shape[1]))

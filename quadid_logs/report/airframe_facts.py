@@ -26,7 +26,7 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
         return []
     # Say what the frame is and what says so, or what to pass.
     if not model.n_rotors:
-        frame = f"not known; {_needs(model)}" if model.needs else "not known"
+        frame = f"unknown; {_needs(model)}" if model.needs else "not known"
     else:
         frame = (
             f"{printable(model.frame, 60)}, {model.n_rotors} motors ({printable(model.frame_source, 120)})"
@@ -58,7 +58,7 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
             )
             parts.append(f"largest thrust of a rotor {number(known.max_thrust_n, 3)} N")
         if math.isfinite(known.second_opinion):
-            parts.append(f"the next best route gives {number(known.second_opinion, 3)} times that thrust")
+            parts.append(f"the second-best method gives {number(known.second_opinion, 3)} times that thrust")
         if model.needs:
             parts.append(_needs(model))
         facts.append(("Scale", "; ".join(parts) or "not calibrated"))
@@ -66,9 +66,9 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
         facts.append(
             (
                 "Mixer",
-                f"recomputed pulse widths miss the logged ones by {model.check.mean_us:.2f} µs in the mean, "
-                f"{model.check.std_us:.2f} µs rms ({model.check.n_samples} unsaturated rows; air density: "
-                f"{printable(model.check.density, 60)})",
+                f"recomputed pulse widths differ from the logged ones by {model.check.mean_us:.2f} µs on "
+                f"average, {model.check.std_us:.2f} µs rms ({model.check.n_samples} unsaturated rows; air "
+                f"density: {printable(model.check.density, 60)})",
             )
         )
     # Say how often each axis got less than was commanded, "" where that is not known.
@@ -85,4 +85,4 @@ def airframe_facts(log: FlightLog) -> list[tuple[str, str]]:
 
 
 def _needs(model: TorqueModel) -> str:
-    return f"pass with --vehicle: {', '.join(printable(need, 120) for need in model.needs)}"
+    return f"give with --vehicle: {', '.join(printable(need, 120) for need in model.needs)}"

@@ -85,7 +85,7 @@ def _obstacle_words(promise: Promise, after: Result, obstacle: Obstacle) -> str:
     log = after.log
     match obstacle:
         case Obstacle.SAME_LOG:
-            return "The promise was made from this very flight. Check the log of the next one."
+            return "The promise was made from this same flight. Check the log of the next flight."
         case Obstacle.OTHER_AUTOPILOT:
             names = [printable(one, 40) for one in (log.autopilot, promise.autopilot)]
             return f"Another autopilot flew: {names[0]}, not {names[1]}."
@@ -103,13 +103,13 @@ def _obstacle_words(promise: Promise, after: Result, obstacle: Obstacle) -> str:
 def _axis_words(one: AxisCheck) -> str:
     match one.obstacle:
         case Obstacle.NO_PROMISE:
-            return "not comparable, nothing was promised of it"
+            return "not comparable: nothing was promised for it"
         case Obstacle.NO_MARGINS:
-            return "not comparable, this log does not show its margins"
+            return "not comparable: this log does not show its margins"
         case Obstacle.OTHER_GAINS if one.flown is Flown.BACK:
-            return "not comparable, the earlier gains flew: the next ones were not loaded"
+            return "not comparable: the earlier gains flew, because the next ones were not loaded"
         case Obstacle.OTHER_GAINS:
-            return "not comparable, other gains flew than promised"
+            return "not comparable: other gains flew than promised"
     return _HELD[one.held] if one.stable else "worse than promised: the loop is unstable"
 
 
@@ -143,8 +143,8 @@ def _vehicle_lines(found: Check) -> Iterator[str]:
         ends = (loss.value, loss.value) if loss.ci95 is None else loss.ci95
         percent = estimate(*(100.0 * one for one in (loss.value, *ends)))
         yield (
-            f"{found.rotor.name.capitalize()} gives {percent} % less thrust than then for the same command "
-            f"[{_WEAK_ROTOR}]. {CATALOGUE[_WEAK_ROTOR].advice}"
+            f"{found.rotor.name.capitalize()} gives {percent} % less thrust for the same command than in "
+            f"the earlier flight [{_WEAK_ROTOR}]. {CATALOGUE[_WEAK_ROTOR].advice}"
         )
     for one in changes:
         if one.kind in (QuantityKind.LAG, QuantityKind.DELAY):
@@ -172,10 +172,10 @@ def _vehicle_lines(found: Check) -> Iterator[str]:
             looked |= {"mounting of the flight controller"}
         if kinds & {QuantityKind.LAG, QuantityKind.DELAY}:
             looked |= {"ESC settings"}
-        yield f"The vehicle is not the one promised: check {listed(sorted(looked))}."
+        yield f"The vehicle differs from the one of the promise: check {listed(sorted(looked))}."
     cells = found.n_cells
     if 0 not in cells and cells[0] != cells[1]:
-        yield f"The battery has {cells[1]} cells; the promise was made with {cells[0]}."
+        yield f"The battery has {cells[1]} cells. The promise was made with {cells[0]}."
 
 
 def _decision_lines(promise: Promise, after: Result, found: Check) -> Iterator[str]:
@@ -183,11 +183,11 @@ def _decision_lines(promise: Promise, after: Result, found: Check) -> Iterator[s
     again = f"`{on_log(after, 'tune')}`"
     match found.decision:
         case Decision.KEEP if found.outcome is Outcome.BROKEN:
-            yield "keep: these gains suit the vehicle as it flew. Find what changed before you fly again."
+            yield "keep: these gains suit the vehicle as it flew. Find out what changed before you fly again."
         case Decision.KEEP:
             yield "keep: fly on with these gains."
         case Decision.GO_ON if found.is_other_vehicle:
-            yield "go on only when you know what changed: find it before you fly again."
+            yield "stop: find out what changed before you fly again."
             yield f"If you changed it on purpose, tune from this flight: {again}"
         case Decision.GO_ON:
             yield f"go on: tune from this flight and fly its next gains: {again}"
@@ -200,7 +200,7 @@ def _decision_lines(promise: Promise, after: Result, found: Check) -> Iterator[s
                     if gain.back != gain.next:
                         yield f"  {printable(name, 60)} {exact(gain.next)} -> {exact(gain.back)}"
         case Decision.NO_ADVICE if found.obstacle is None:
-            yield f"no advice from this flight; the reasons and what to do: {again}"
+            yield f"no advice from this flight. For the reasons and what to do, run {again}"
 
 
 def check_text(promise: Promise, after: Result, found: Check) -> str:

@@ -23,7 +23,7 @@ from quadid_logs.untrusted import printable
 _HEADLINES: Final = {
     "same": "no change beyond the intervals",
     "changed": "changed beyond the intervals",
-    "not comparable": "no comparison is possible on at least one axis",
+    "not comparable": "at least one axis cannot be compared",
 }
 #: Figures of `Margins`, in words, with their units.
 _MARGINS: Final = (
@@ -41,7 +41,7 @@ _MOST_PARAMETERS: Final = 20
 def headline(comparison: Comparison) -> str:
     """Return the outcome of a comparison in words, without a full stop."""
     if set(comparison.axes.values()) == {"not comparable"}:
-        return "these logs do not allow a comparison"
+        return "these logs cannot be compared"
     return _HEADLINES[comparison.verdict]
 
 
@@ -73,7 +73,7 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
             for one in differing[:_MOST_PARAMETERS]
         ]
         if more := len(differing[_MOST_PARAMETERS:]):
-            lines.append(f"{'':9}and {more} more, which --json and the page list")
+            lines.append(f"{'':9}and {more} more: --json and the page list them")
     lines += [f"  {sentence}" for sentence in promise_sentences(before, after)]
     return (*lines, *(f"  next: {printable(text, 800)}" for text in comparison.advice))
 
@@ -110,7 +110,7 @@ def throttle_note(quantity: Quantity) -> str:
         return ""
     more = "higher" if change > 0.0 else "lower"
     may = amount(quantity, quantity.throttle_spread)
-    return f", of which up to {may} because the throttle was {number(100.0 * abs(change), 2)} % {more}"
+    return f", up to {may} of it because the throttle was {number(100.0 * abs(change), 2)} % {more}"
 
 
 def change_words(quantity: Quantity) -> str:

@@ -58,9 +58,11 @@ def comparison_page(
             caption=f"Every number that was compared (structure {printable(comparison.structure, 40)})",
             head=("", "before", "after", "difference", "smallest detectable"),
             rows=tuple(_row(quantity) for quantity in ordered),
-            note="Small: 95 % intervals. A difference counts as a change if it is larger than the smallest"
-            " detectable one: what the intervals and the typical spread between flights of one vehicle "
-            "explain.",
+            note=(
+                "Small: 95 % intervals. A difference counts as a change if it is larger than the smallest "
+                "detectable one. That follows from the intervals and the typical spread between flights of "
+                "one vehicle."
+            ),
         )
     page: str = (
         environment()
@@ -85,8 +87,10 @@ def comparison_page(
                     )
                     for one in comparison.parameters
                 ),
-                note="The last values in each log. Calibrations, counters and what only one log holds are "
-                "left out.",
+                note=(
+                    "The last values in each log. Calibrations, counters and parameters that only one log "
+                    "holds are left out."
+                ),
             ),
             promises=[f"{one[:1].upper()}{one[1:]}." for one in promise_sentences(before, after)],
             steps=[printable(step, 800) for step in comparison.advice],

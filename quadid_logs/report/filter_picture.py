@@ -49,9 +49,10 @@ def filter_picture(axis: str, found: AxisTuning) -> FilterPicture | None:
         ),
         across=tuple((x.at(end), f"{number(end, 2)}°") for end in (min(phase), max(phase))),
         up=tuple((y.at(_log(end)), f"{number(end, 2)} %") for end in (min(noise), max(noise))),
-        words=f"{axis.capitalize()}: with the filters chosen there are {phase_words}, and gains behind them "
-        f"make {percent[1]} % of noise on the motors; the best gains behind the flown filters would make "
-        f"{percent[0]} %.",
+        words=(
+            f"{axis.capitalize()}: the chosen filters have {phase_words}. With their gains, the noise on "
+            f"the motors is {percent[1]} %. The best gains with the flown filters would give {percent[0]} %."
+        ),
         height=_HEIGHT,
         left=_LEFT,
         right=WIDTH - _RIGHT,

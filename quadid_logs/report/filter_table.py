@@ -41,16 +41,16 @@ def filter_tables(result: Result) -> tuple[Table, ...]:
                 parts = ["The crossover of this axis is unknown, so no phase is given."]
             else:
                 parts = [
-                    "Phase lost at the crossover of the rate loop; small: over the crossover's 95 % interval."
+                    "Phase lost at the crossover of the rate loop. Small: over the crossover's 95 % interval."
                 ]
             if lines:
                 parts.append(
-                    "Gain at the lines of the gyro's spectrum; a filter of one term (P or D) acts on that "
+                    "Gain at the lines of the gyro's spectrum. A filter of one term (P or D) acts on that "
                     "term only."
                 )
                 if any(len(set(cost.centre_hz)) > 1 for cost in costs):
                     parts.append(
-                        "A notch that follows the rotors is taken to stay on their line; at any other "
+                        "A notch that follows the rotors is assumed to stay on their line. At any other "
                         "line, its mean power counts."
                     )
             heads, rows = [], []
@@ -66,7 +66,7 @@ def filter_tables(result: Result) -> tuple[Table, ...]:
                     else Cell(text=resolved(phase.value, *phase.ci95), detail=interval(*phase.ci95))
                 )
                 gains = (Cell(text=f"{gain_db:.1f}".replace("-", "−")) for gain_db in cost.at_lines_db)
-                name = cost.name or "all of the gyro's path"
+                name = cost.name or "whole path of the gyro"
                 centre = ""
                 if cost.centre_hz:
                     low, middle, high = (number(each, 3) for each in cost.centre_hz)

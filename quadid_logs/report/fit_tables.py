@@ -33,8 +33,10 @@ def structures_table(result: Result) -> Table | None:
             "condition number",
         ),
         rows=tuple(_structure(model, distrusted) for model in models),
-        note="R² is 1 and fit 100 % at best; below 0 the model is worse than none. Noise in the acceleration "
-        "counts against R², and no model explains it."
+        note=(
+            "At best, R² is 1 and fit is 100 %. Below 0, the model is worse than none. Noise in the "
+            "acceleration lowers R², and no model can explain it."
+        )
         + (" In brackets: refused axes, not to be trusted." if any(distrusted) else ""),
     )
 
@@ -75,11 +77,13 @@ def windows_table(result: Result) -> Table | None:
     if not rows:
         return None
     return Table(
-        caption="Windows: each one solves H_k by itself",
+        caption="Windows: H_k is solved for each one by itself",
         head=("structure", "windows", "used", "width × stride", "condition number", "full rank"),
         rows=rows,
-        note="Condition number of the column-scaled H_k: median, then 5 to 95 %. The relative error of a "
-        "window's coefficients is at most that many times the relative error of its data.",
+        note=(
+            "Condition number of the column-scaled H_k: median, then 5 to 95 %. The relative error of a "
+            "window's coefficients is at most the condition number times the relative error of its data."
+        ),
     )
 
 
@@ -116,10 +120,13 @@ def excitation_table(result: Result) -> Table | None:
         for item in items
     )
     return Table(
-        caption="How much each axis was excited",
+        caption="Excitation of each axis",
         head=("axis", f"torque RMS [{unit}]", "rate RMS [deg/s]", "signal to noise", "coherent (above 0.5)"),
         rows=rows,
-        note="Signal to noise: acceleration that the torque explains over what it does not, as power.",
+        note=(
+            "Signal to noise: power of the acceleration that the torque explains, divided by the power of "
+            "the rest."
+        ),
     )
 
 

@@ -119,7 +119,7 @@ def check_folder(folder: Path, *, force: bool = False) -> None:
     for part in (folder, *folder.parents):
         if part.exists() and not part.is_dir():
             raise OutputError(
-                f"{printable(part)} is a file, but a folder is needed there.", hint="Choose another -o."
+                f"{printable(part)} is a file, but a folder is needed.", hint="Choose another -o."
             )
     for place in (folder, folder.parent):
         check_no_link(place)
@@ -242,5 +242,5 @@ def _writing_beside(folder: Path) -> Iterator[Path]:
         reason = error.strerror or type(error).__name__
         raise OutputError(
             f"Cannot write to {printable(folder)}: {reason}.",
-            hint="Nothing was left half-written; choose another -o.",
+            hint="No file was left half-written. Choose another -o.",
         ) from error

@@ -9,6 +9,7 @@ from quadid_logs.data.catalogue import CATALOGUE, MOST_SATURATED
 from quadid_logs.data.health import Health, Topic
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Direction
+from quadid_logs.report.commands import on_log
 from quadid_logs.sentences import listed
 from quadid_logs.tuning import tuning_of
 from quadid_logs.untrusted import printable
@@ -40,8 +41,8 @@ _LEVELS: Final = {"normal": "normal", "high": "not normal", "severe": "far from 
 _STYLES: Final = {"normal": "usable", "high": "caution", "severe": "refused", "fact": ""}
 #: Where the recommended gains of an axis go, if it oscillates. The other ways lead nowhere that is known.
 _HINTS: Final[dict[Direction, str]] = {
-    "lower": "Lower its gains: the recommended ones are in `quadid-log tune`.",
-    "reshape": "Change its gains as `quadid-log tune` recommends.",
+    "lower": "Lower its gains: `{tune}` gives the values.",
+    "reshape": "Change its gains: `{tune}` gives the values.",
 }
 #: The mode's frequency has an error of about this.
 _SAME_MODE: Final = 0.1
@@ -91,7 +92,7 @@ def health_view(result: Result) -> HealthView:
         reasons.setdefault(reason, []).append(TOPICS[name].lower())
     for reason, names in reasons.items():
         if len(names) == len(TOPICS) - len(_NEVER_MISSING):
-            missing.append(f"Nothing is shown of the flight: {printable(reason, 200)}.")
+            missing.append(f"Nothing can be shown: {printable(reason, 200)}.")
         else:
             missing.append(f"Not shown: {listed(names)}, because {printable(reason, 200)}.")
     return HealthView(lines=lines, missing=tuple(missing))
@@ -113,14 +114,15 @@ def _hint(result: Result, health: Health) -> str:
         mine = next(one for one in health.oscillation.axes if one.axis == axis)
         hint = _HINTS.get(tuned[axis].direction, "") if axis in tuned else ""
         if axis in tuned and tuned[axis].by_rule:
-            hint = "No model gives its gains; `quadid-log tune` writes a first step by rule: half of them."
+            hint = "No model gives its gains. `{tune}` writes a first step by rule: half of the gains."
+        hint = hint.format(tune=on_log(result, "tune"))
         # What predicts this frequency: the model's rate loop, a mode of the frame, or the motors' limits.
         found, hz = [], mine.line.frequency_hz
         loop = None if result.closed_loop is None else result.closed_loop.axes.get(mine.axis)
         margins = None if loop is None or loop.margins is None else loop.margins.rate
         figure = None if margins is None else margins.oscillation_hz
         if figure is not None and figure.ci95[0] <= hz <= figure.ci95[1]:
-            found.append(f"The model's rate loop would oscillate at {figure.value:.3g} Hz with more gain.")
+            found.append(f"With more gain, the model's rate loop would oscillate at {figure.value:.3g} Hz.")
         modes = [
             finding.evidence.get("frequency_hz")
             for finding in result.diagnosis.findings
@@ -128,13 +130,15 @@ def _hint(result: Result, health: Health) -> str:
         ]
         if any(isinstance(mode, (int, float)) and abs(mode - hz) <= _SAME_MODE * hz for mode in modes):
             found.append(
-                "A mode of the frame was found there (QL525): a notch on it helps, not less filtering."
+                "The frame has a mode at that frequency (QL525): put a notch there, and do not reduce the "
+                "filtering."
             )
         described = result.data.input
         limited = 0.0 if described is None else described.limited_fraction[AXES.index(mine.axis)]
         if limited > MOST_SATURATED:
             found.append(
-                f"The mixer is at its limits in {100.0 * limited:.0f} % of the flight: they hold its size."
+                f"The mixer is at its limits in {100.0 * limited:.0f} % of the flight, which limits the "
+                "size of the oscillation."
             )
         predicted = " ".join(found)
         told += [f" {axis.capitalize()}: {' '.join(filter(None, (predicted, hint)))}"] * bool(

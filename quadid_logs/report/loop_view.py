@@ -48,14 +48,14 @@ def loop_view(result: Result) -> LoopView:
         return LoopView(intro=f"{text} The loop is not judged.", sentences=(), margins=None)
     controllers = loop.controllers
     intro = (
-        f"The gains of the log's parameters, in {controllers.name}, closed around the model: how far the "
-        "vehicle is from oscillating"
+        f"This chapter closes the loop of the logged gains ({controllers.name}) around the model. It shows "
+        "how far the vehicle is from oscillating"
     )
     predictable = any(one.predictable for one in controllers.axes.values())
-    intro += ", and whether its set-points alone predict the flight." if predictable else "."
+    intro += ", and whether the set-points alone predict the flight." if predictable else "."
     if controllers.version_read != "read":
         law = printable(controllers.version_note, 40)
-        intro += f" The control law of version {law} was used, the nearest that is known."
+        intro += f" The control law of version {law} was used, the nearest known one."
     rows = []
     for axis, found in loop.axes.items():
         if found.margins is not None:
@@ -69,9 +69,10 @@ def loop_view(result: Result) -> LoopView:
             caption="Margins of the loop, cut at the mixer",
             head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [ms]", "disk", "peak of S"),
             rows=tuple(rows),
-            note="Small: the 95 % interval. Where extrapolated, the "
-            f"interval allows for up to {number(MOST_UNMODELLED_DEG, 2)} degrees less phase above what was "
-            "measured.",
+            note=(
+                "Small: the 95 % interval. The interval of an extrapolated margin allows for up to "
+                f"{number(MOST_UNMODELLED_DEG, 2)} degrees less phase above the measured frequencies."
+            ),
         )
     return LoopView(
         intro=intro,
@@ -97,7 +98,7 @@ def _own_units(loop: ClosedLoop) -> Iterator[str]:
             own = in_degrees(found.effectiveness, unit)
             told.append(f"{axis} with {resolved(own.value, *own.ci95)} ({interval(*own.ci95)}) deg/s²")
     if told:
-        yield f"One {unit.name} turns {', '.join(told)}: the b0 of an ADRC, before its own scaling."
+        yield f"One {unit.name} accelerates {', '.join(told)}: the b0 of an ADRC, before its own scaling."
 
 
 def _sentence(axis: str, found: AxisLoop) -> str:
@@ -116,8 +117,8 @@ def _sentence(axis: str, found: AxisLoop) -> str:
         parts.append(
             "From the set-points alone, model and controller predict "
             f"{number(prediction.rate_fit_percent, 3)} % of the rate and "
-            f"{number(prediction.torque_fit_percent, 3)} % of the torque on validation data; "
-            f"the best linear system could reach {number(prediction.attainable_percent, 3)} % of the torque."
+            f"{number(prediction.torque_fit_percent, 3)} % of the torque on validation data. The best "
+            f"linear system could reach {number(prediction.attainable_percent, 3)} % of the torque."
         )
     return " ".join(parts)
 
@@ -126,7 +127,7 @@ def _distance(margins: Margins) -> str:
     """Say how far a loop is from instability."""
     if not margins.stable:
         return (
-            "the model with this controller is unstable although the vehicle flew: one of the two is wrong."
+            "the model with this controller is unstable although the vehicle flew. One of the two is wrong."
         )
     phase, gain, at = margins.phase_margin_deg, margins.gain_margin_db, margins.oscillation_hz
     far = [f"{number(phase.value, 2)} degrees" if phase is not None else ""]
@@ -139,7 +140,7 @@ def _distance(margins: Margins) -> str:
             more = f"{number(factor, 2)} times the gain"
         else:
             more = f"a {number(100.0 * (factor - 1.0), 2)} % higher gain (lighter vehicle, fuller battery)"
-        text += f"; {more} would oscillate at about {number(at.value, 2)} Hz"
+        text += f"; with {more} it would oscillate at about {number(at.value, 2)} Hz"
     return f"{text}{_at_least(margins) if margins.extrapolated else ''}."
 
 
@@ -148,7 +149,9 @@ def _at_least(margins: Margins) -> str:
     pairs = ((margins.phase_margin_deg, "degrees"), (margins.gain_margin_db, "dB"))
     told = ((number(each.value, 2), number(max(each.ci95[0], 0.0), 2), unit) for each, unit in pairs if each)
     less = [f"{low} {unit}" for value, low, unit in told if low != value]
-    return f" (extrapolated: it may be as little as {' and '.join(less)})" if less else " (extrapolated)"
+    return (
+        f" (extrapolated: the margins may be as small as {' and '.join(less)})" if less else " (extrapolated)"
+    )
 
 
 def _row(name: str, margins: Margins, also: str) -> tuple[Cell, ...]:

@@ -46,7 +46,7 @@ def meaning_sentence(result: Result, axis: str) -> str:
     wait_s = math.sqrt(2.0 * math.radians(_TURN_DEG) / (_COMMAND * gain.value)) + float(
         np.sum([value for value in known if math.isfinite(value)])
     )
-    return f"At 10 % {axis} command the vehicle turns by {_TURN_DEG:g} degrees in {number(wait_s, 2)} s."
+    return f"A {axis} command of 10 % turns the vehicle by {_TURN_DEG:g} degrees in {number(wait_s, 2)} s."
 
 
 def _trusted(result: Result, axis: str) -> Parameter | None:
@@ -81,7 +81,7 @@ def beside_published(result: Result) -> str:
     by_gain = sorted(PUBLISHED, key=lambda one: one.roll_effectiveness)
     low, high = by_gain[0], by_gain[-1]
     return (
-        f"For comparison: published quadrotors reach {number(low.roll_effectiveness, 2)} ({low.name}, "
-        f"{number(low.mass_kg, 2)} kg) to {number(high.roll_effectiveness, 2)} rad/s² ({high.name}, "
-        f"{number(high.mass_kg, 2)} kg) at full roll command if they can lift twice their weight."
+        f"For comparison, published quadrotors at full roll command: {number(low.roll_effectiveness, 2)} "
+        f"({low.name}, {number(low.mass_kg, 2)} kg) to {number(high.roll_effectiveness, 2)} rad/s² "
+        f"({high.name}, {number(high.mass_kg, 2)} kg), if they can lift twice their weight."
     )

@@ -41,7 +41,7 @@ def check_model_format(path: Path) -> None:
     """
     if path.suffix.lower() not in MODEL_FORMATS:
         raise SettingsError(
-            f"Cannot tell the format from the name {printable(path.name, 80)!r}.",
+            f"The name {printable(path.name, 80)!r} does not show the format.",
             hint=f"{', '.join(f'{ending} is {title}' for ending, title in MODEL_FORMATS.items())}.",
         )
 

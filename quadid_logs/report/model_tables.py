@@ -21,9 +21,9 @@ from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, regressor_words, term_words
 
 _HEADS = {target: f"{axis} acceleration" for target, axis in zip(ACCELERATION_SYMBOLS, AXES, strict=True)}
-_B_CAPTION = "B: what each torque does"
-_A_CAPTION = "A: what the motion itself does"
-_PRODUCTS_CAPTION = "A, continued: what products of the rates do"
+_B_CAPTION = "B: effect of each torque"
+_A_CAPTION = "A: effect of the motion itself"
+_PRODUCTS_CAPTION = "A, continued: effect of products of the rates"
 #: An interval this far below the largest entry is what a tensor's inverse leaves of an exact zero.
 _ROUNDING = 1e-6
 #: More names with one reason are called the others.
@@ -72,7 +72,7 @@ def more_tables(result: Result, model: Model) -> tuple[Table, ...]:
         rows = comparison_rows(model.inertia, result.vehicle)
         tables.append(
             Table(
-                caption="Beside other vehicles [kg m²]",
+                caption="Compared with other vehicles [kg m²]",
                 head=("vehicle", "mass [kg]", "Ixx", "Iyy", "Izz"),
                 rows=tuple(
                     (
@@ -85,7 +85,7 @@ def more_tables(result: Result, model: Model) -> tuple[Table, ...]:
                     )
                     for place, (name, mass, source, moments) in enumerate(rows)
                 ),
-                note="The nearest comes first. Moments grow with mass times the square of the size.",
+                note="The nearest vehicle comes first. Moments grow with mass times the square of the size.",
             )
         )
     curve = result.identification.thrust_curve
@@ -145,14 +145,14 @@ def _matrix(
             )
     weak_note = ""
     if reasons:
-        grey = "Grey: values that this flight does not identify; do not use them."
+        grey = "Grey: values that this flight does not identify. Do not use them."
         longest = max(reasons, key=lambda reason: len(reasons[reason]))
         if len(reasons[longest]) > _MOST_NAMED:
             # A dozen names with one reason hide the others.
             last = reasons.pop(longest)
             reasons[longest] = ["all others"] if reasons else ["all of them"] if len(last) > 1 else last
         why = "; ".join(f"{', '.join(names)}: {reason or 'not known'}" for reason, names in reasons.items())
-        weak_note = f"{grey} Reasons: {why}."
+        weak_note = f"{grey} {'Reasons' if len(reasons) > 1 else 'Reason'}: {why}."
     return Table(
         caption=caption,
         head=("", *(name if said == name else f"{said} ({name})" for name, said in in_words)),

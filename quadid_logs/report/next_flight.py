@@ -55,8 +55,8 @@ def next_steps(result: Result) -> tuple[str, ...]:
             export = on_log(result, "export", "--model", "-o", "model.mat")
             further.append(f"Use the model: `{export}` for MATLAB, `model.py` for python-control{gazebo}.")
         further.append(
-            "After a change of propellers, load, battery or gains, fly the same manoeuvre again and "
-            f"see what it did: `{with_next_log(result)}`"
+            "After a change of propellers, load, battery or gains, fly the same manoeuvre again. To see "
+            f"what the change did, run `{with_next_log(result)}`."
         )
         steps = [*steps[: _MOST_STEPS - len(further)], *further]
     return tuple(steps)

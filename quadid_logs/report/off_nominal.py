@@ -39,7 +39,7 @@ def condition_words(condition: Condition) -> str:
         case kinds.PAYLOAD:
             return f"{_percent(condition.mass)} heavier by a load at the centre"
         case kinds.THIN_AIR | kinds.DENSE_AIR:
-            return f"air of {number(100.0 * condition.density, 3)} % of its density"
+            return f"air at {number(100.0 * condition.density, 3)} % of its density"
         case kinds.SMALLER_PROPELLER:
             return f"propellers {_percent(condition.propeller)} smaller"
         case kinds.LARGER_PROPELLER:
@@ -59,7 +59,7 @@ def off_nominal_tables(tuning: Tuning) -> Iterator[Table]:
         rows = []
         for one in found.off_nominal:
             words = condition_words(one.condition)
-            turns = f"turns ×{number(one.effectiveness.value, 3)}"
+            turns = f"effectiveness ×{number(one.effectiveness.value, 3)}"
             head = Cell(text=f"{words} (worst case)" if one.worst else words, detail=turns)
             flown = _figures(whole(one.now))
             pairs = zip(flown, _figures(whole(one.next)), strict=True) if changes and one.next else None
@@ -77,10 +77,9 @@ def off_nominal_note(tuning: Tuning) -> str:
     kinds = {one.condition.kind for found in tuning.axes.values() for one in found.off_nominal}
     without = "" if kinds.intersection(_BATTERIES) else " The log does not hold the battery's voltage."
     return (
-        "Each row changes one condition of this flight. The factor says how much more the vehicle then "
-        "turns per command. Margins include the angle loop where it is known. Small: the 95 % interval "
-        "with the "
-        "gains named last." + without
+        "Each row changes one condition of this flight. The factor multiplies the control effectiveness. "
+        "Margins include the angle loop if it is known. Small: the 95 % interval with the gains named last."
+        + without
     )
 
 

@@ -35,7 +35,7 @@ def outer_sentences(outer: OuterLoops | None) -> Iterator[str]:
             distance = (
                 text
                 if delay is None
-                else f"{text}; the loop tolerates a further delay of {number(delay.value, 2)} s."
+                else f"{text}. The loop tolerates a further delay of {number(delay.value, 2)} s."
             )
         yield f"Velocity {_ALONG[axis]}, by {axis}: {distance}"
 
@@ -55,8 +55,8 @@ def outer_tables(outer: OuterLoops | None) -> tuple[Table, ...]:
             head=("loop", "phase [deg]", "gain [dB]", "crossover [Hz]", "delay [s]", "attitude [Hz]"),
             rows=tuple(rows),
             note=(
-                "Small: the 95 % interval from what is known of the vehicle. It leaves out wind, air drag "
-                "and the estimator's delay; compare that delay with the one that the loop tolerates."
+                "Small: the 95 % interval from the model's uncertainty. It leaves out wind, air drag and "
+                "the estimator's delay. Compare that delay with the delay that the loop tolerates."
             ),
         )
     cascades = None
@@ -75,8 +75,10 @@ def outer_tables(outer: OuterLoops | None) -> tuple[Table, ...]:
                 )
                 for direction, one in outer.cascades.items()
             ),
-            note="Gains over those of the parameters, with 95 % intervals. Error: rms of target less "
-            "velocity.",
+            note=(
+                "Gains divided by those of the parameters, with 95 % intervals. Error: rms of target minus "
+                "velocity."
+            ),
         )
     found = (margins, _attitude_table(outer), cascades)
     return tuple(table for table in found if table is not None)
@@ -124,8 +126,8 @@ def _attitude_table(outer: OuterLoops) -> Table | None:
         head=("axis", "controller", "off by", "gain / parameter", "shaped target off by", "unshaped"),
         rows=tuple(rows),
         note=(
-            "Off by: rms of the difference over the rms of the logged signal. The input shaper is "
-            "replayed only where position control commands the angle."
+            "Off by: rms of the difference, divided by the rms of the logged signal. The input shaper is "
+            "replayed only while position control commands the angle."
         ),
     )
 

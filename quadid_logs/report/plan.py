@@ -62,14 +62,14 @@ def parameter_files(plan: Plan) -> dict[str, str]:
     files = {}
     if plan.logging:
         why = "Log rates and torque at the loop rate"
-        known = f"the way back: {names.logging_back}" if plan.logging_back else advice.unknown_mask_note
+        known = f"to restore: {names.logging_back}" if plan.logging_back else advice.unknown_mask_note
         files[names.logging] = text(f"{why}; {known}", plan.logging)
     if plan.logging_back:
         files[names.logging_back] = text("Log as before", plan.logging_back)
     for axis in plan.sweeps:
         files[names.sweeps[axis]] = text(advice.sweep_comment(axis), plan.settings_of(axis))
     if plan.sweeps:
-        files[names.sweep_off] = text("Take the sweep off the vehicle", advice.sweep_off())
+        files[names.sweep_off] = text("Remove the sweep from the vehicle", advice.sweep_off())
     return files | advice.whole_files(plan.axes) | plan.script_files()
 
 
@@ -129,15 +129,14 @@ def excitation_lines(plan: Plan) -> Iterator[str]:
     yield ""
     yield (
         f"Computed for the model of {printable(plan.model, 120)}, in this air: {plan.air}. The last column "
-        "is the half width of the 95 % interval of the control effectiveness that the analysis of such a "
-        "flight gives. It is wider where the flight cannot rule out a dead zone or another effect."
+        "is half of the 95 % interval of the control effectiveness after such a flight. The interval is "
+        "wider if the flight cannot rule out a dead zone or another effect."
     )
     short = [axis for axis, one in plan.excitations.items() if one.half_width > _MISSED * plan.wanted]
     if short:
         yield (
-            f"{', '.join(short).capitalize()}: no sweep that keeps the vehicle within its limits can give "
-            f"±{number(100.0 * plan.wanted, 2)} % in this air. Fly in calmer air, or fly twice and pool "
-            f"the logs."
+            f"{', '.join(short).capitalize()}: in this air, no sweep within the vehicle's limits can give "
+            f"±{number(100.0 * plan.wanted, 2)} %. Fly in calmer air, or fly twice and pool the logs."
         )
     yield ""
 
@@ -193,7 +192,7 @@ def settings_lines(plan: Plan) -> Iterator[str]:
     if plan.advice.live_note:
         yield f"- to watch the intervals in flight with `quadid-log live ADDRESS`: {plan.advice.live_note}"
     kept = plan.advice.gyro_filter_parameter
-    yield f"- leave {kept} as you fly it: its delay is known from the log and allowed for"
+    yield f"- leave {kept} as you fly it: its delay is known from the log"
 
 
 def logging_lines(plan: Plan) -> Iterator[str]:
@@ -204,7 +203,7 @@ def logging_lines(plan: Plan) -> Iterator[str]:
         why = "; ".join(filter(None, ("rates and torque at the loop rate", plan.advice.logging_note)))
         if name in flown:
             yield f"- load {names.logging}: {name} {digits(flown[name])} -> {digits(value)} ({why})"
-            yield f"  (when tuning is done, {names.logging_back} brings {digits(flown[name])} back)"
+            yield f"  (after tuning, {names.logging_back} restores {digits(flown[name])})"
         else:
             yield f"- {name} = {digits(value)} ({why}; {plan.advice.unknown_mask_note})"
     if not plan.logging:
@@ -216,8 +215,8 @@ def _steps(plan: Plan) -> tuple[str, ...]:
     return (
         plan.advice.room,
         *plan.steps(),
-        f"Take the log from the card, and run `{command('analyze', LOG)}`. Where there are several, as after "
-        f"a restart, run `{command('analyze', LOG, NEXT_LOG, '--pool')}`.",
+        f"Take the log from the card, and run `{command('analyze', LOG)}`. If there are several logs, for "
+        f"example after a restart, run `{command('analyze', LOG, NEXT_LOG, '--pool')}`.",
     )
 
 
@@ -237,8 +236,8 @@ def _expected(plan: Plan, prediction: Prediction) -> Iterator[str]:
         yield f"- motor lag {estimate(1e3 * model.actuator.lag_s, low, high)} ms"
     yield ""
     yield (
-        "In brackets: 95 % intervals. These values are those of the simulated vehicle. Yours differ with "
-        "size, vibration and wind. To simulate a vehicle more like yours, pass --vehicle FILE.toml."
+        "In brackets: 95 % intervals. These values are those of the simulated vehicle. Yours will differ "
+        "with size, vibration and wind. To simulate a vehicle more like yours, give --vehicle FILE.toml."
     )
 
 
@@ -250,5 +249,5 @@ def _gain(parameter: Parameter) -> str:
     text = f", effectiveness {estimate(parameter.value, low, high)} {unit}"
     if parameter.value and math.isfinite(high - low):
         percent = 100.0 * (high - low) / (2.0 * abs(parameter.value))
-        text += f", known to ±{number(percent, 2)} %{', calibration to N m included' if calibrated else ''}"
+        text += f", known to ±{number(percent, 2)} %{', with the calibration to N m' if calibrated else ''}"
     return text

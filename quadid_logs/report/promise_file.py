@@ -96,7 +96,7 @@ def read_promise(path: Path) -> Promise:
         if not file.is_file():
             raise PromiseFileError(
                 f"There is no promise {printable(file)}.",
-                hint="`quadid-log tune` writes promise.json beside the gains of each log.",
+                hint="`quadid-log tune` writes promise.json into the folder with the gains of a log.",
             )
         with file.open("rb") as stream:
             content = stream.read(_MOST_BYTES + 1)
@@ -107,10 +107,10 @@ def read_promise(path: Path) -> Promise:
     try:
         return _Reader(file).promise(json.loads(content))
     except (ValueError, RecursionError) as error:
-        raise PromiseFileError(f"{printable(file)} is no JSON.", hint=_HINT) from error
+        raise PromiseFileError(f"{printable(file)} is not JSON.", hint=_HINT) from error
 
 
-_HINT: Final = "Name the promise.json that `quadid-log tune` wrote."
+_HINT: Final = "Give the promise.json that `quadid-log tune` wrote."
 
 
 class _Reader:
@@ -126,8 +126,8 @@ class _Reader:
             self._refuse("kind")
         if version.split(".")[0] != SCHEMA_VERSION.split(".")[0]:
             raise PromiseFileError(
-                f"{printable(self._file)} has the schema version {printable(version, 20)}; "
-                f"this is version {SCHEMA_VERSION}.",
+                f"{printable(self._file)} has the schema version {printable(version, 20)}. This tool reads "
+                f"version {SCHEMA_VERSION}.",
                 hint="Run `quadid-log tune` again on its log.",
             )
         log, vehicle = (self._table(top.get(name), name) for name in ("log", "vehicle"))
@@ -280,6 +280,6 @@ class _Reader:
 
     def _refuse(self, key: str) -> NoReturn:
         raise PromiseFileError(
-            f"{printable(self._file)} is no promise: {printable(key, 60)} is not what it should be.",
+            f"{printable(self._file)} is not a promise: {printable(key, 60)} has an unexpected value.",
             hint=_HINT,
         )

@@ -58,10 +58,10 @@ def headline(found: Repeatability) -> str:
     differing = [each for each in found.quantities if each.differs]
     if differing:
         worst = "; ".join(_differ_sentence(found, each) for each in differing)
-        return f"the flights differ, and no single one is the outlier: {worst}"
+        return f"the flights differ, and no single flight is the outlier: {worst}"
     told = [each for each in found.quantities if each.kind == _FIRST]
     if not told:
-        return f"fewer than two of {flights} identify the effectiveness of an axis"
+        return f"no axis is identified by two or more of {flights}"
     values = listed([f"{each.axis} {mean_words(each)}" for each in told])
     n = max(len(each.estimates) for each in told)
     of = "" if n == len(found.flights) else f" of {len(found.flights)}"

@@ -83,8 +83,10 @@ def repetition_page(found: Repeatability, figures: Sequence[Figure] = ()) -> str
                             caption="Pairs that differ most",
                             head=("quantity", "flights", "z", "p (Holm)"),
                             rows=tuple(_pair_rows(found)),
-                            note="z is the difference over its standard deviation; p is corrected for all "
-                            "pairs of all quantities. Below 0.05 the two flights differ.",
+                            note=(
+                                "z is the difference divided by its standard deviation. p is corrected for "
+                                "all pairs of all quantities. If p is below 0.05, the two flights differ."
+                            ),
                         )
                     ]
                     if any(each.pairs for each in found.quantities)
@@ -124,8 +126,10 @@ def _flights(found: Repeatability) -> Table:
             *(f"{each.axis} {each.kind} [{pretty_unit(each.unit)}]".strip() for each in quantities),
         ),
         rows=(*rows, mean),
-        note="± is half of the 95 % interval. Between flights: the standard deviation beyond the flights' own"
-        " errors, with its 95 % interval.",
+        note=(
+            "± is half of the 95 % interval. Between flights: the standard deviation that the flights' own "
+            "errors do not explain, with its 95 % interval."
+        ),
     )
 
 

@@ -39,7 +39,7 @@ def check_table_path(path: Path, *, force: bool = False) -> None:
     """
     if path.suffix.lower() not in TABLE_FORMATS:
         raise SettingsError(
-            f"Cannot tell the format from the name {printable(path.name, 80)!r}.",
+            f"The name {printable(path.name, 80)!r} does not show the format.",
             hint=f"Let it end in {', '.join(TABLE_FORMATS)}.",
         )
     check_free(path, force=force)
@@ -66,7 +66,7 @@ def aligned_table(data: FlightData) -> dict[str, AnyArray]:
         If there is no segment.
     """
     if not data.segments or data.input is None:
-        reason = printable(data.on_ground_reason) or "Nothing in this log can be aligned."
+        reason = printable(data.on_ground_reason) or "No signal of this log can be aligned."
         raise EmptyLogError(
             f"There is no aligned series to export. {reason}", hint="See `quadid-log info LOG`."
         )

@@ -113,5 +113,5 @@ def rise_words(rise_s: float, overshoot_percent: float, end: float, end_s: float
     """
     # An integrator that is slow goes on for long: rise and overshoot would be those of less than the step.
     if abs(end - 1.0) > _ARRIVED:
-        return f"has come to {100.0 * end:.0f} % after {number(end_s, 2)} s"
+        return f"reaches {100.0 * end:.0f} % after {number(end_s, 2)} s"
     return f"rises in {number(1e3 * rise_s, 2)} ms and overshoots by {overshoot_percent:.0f} %"

@@ -37,15 +37,19 @@ def swing_lines(path: str, found: Swing, vehicle: Vehicle | None = None) -> tupl
     for run in found.runs:
         period = plus_minus(run.period_s, run.period_half_width_s)
         lines.append(
-            f"  {run.start_s:.1f} to {run.end_s:.1f} s: period {period} s, from {run.amplitude_deg:.1f} deg; "
-            f"damping {number(run.linear_1_s, 2)} 1/s, and {number(run.quadratic, 2)} 1/rad times the rate"
+            f"  {run.start_s:.1f} to {run.end_s:.1f} s: period {period} s, amplitude at the start "
+            f"{run.amplitude_deg:.1f} deg; damping {number(run.linear_1_s, 2)} 1/s plus "
+            f"{number(run.quadratic, 2)} 1/rad times the rate"
         )
     lines.append(
-        f"  {counted(len(found.runs), 'swing')} of {printable(found.source, 80)} at {found.rate_hz:.0f} Hz; "
-        "the interval is mostly that of mass and strings"
+        f"  {counted(len(found.runs), 'swing')} of {printable(found.source, 80)} at {found.rate_hz:.0f} Hz. "
+        "Mass and strings decide most of the interval"
     )
     if found.air_kg_m2:
-        lines.append(f"  air that swings along: at most {number(found.air_kg_m2, 2)} kg m², in the lower end")
+        lines.append(
+            f"  air that swings along: at most {number(found.air_kg_m2, 2)} kg m², which the lower end of "
+            "the interval includes"
+        )
     moments = np.full(3, np.nan)
     if vehicle is not None and vehicle.inertia_kg_m2 is not None:
         moments = np.diagonal(vehicle.inertia_kg_m2).copy()

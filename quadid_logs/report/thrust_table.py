@@ -26,22 +26,25 @@ def thrust_table(curve: ThrustCurve) -> Table:
         )
         for thrust, value, (low, high) in levels
     )
-    unnamed = "assumed, because no parameter gives it"
+    unnamed = "assumed, because no parameter holds it"
     name = printable(curve.parameter, 40) or (_BY_SPEED if curve.measured else unnamed)
     if not curve.identifiable:
         sentence = (
-            f"This flight does not identify the expo of the thrust curve: {printable(curve.reason)}. "
-            f"{number(curve.assumed, 2)} was used ({name}), and the intervals allow for an error in it."
+            f"This flight does not identify the expo of the thrust curve: {printable(curve.reason)}. The "
+            f"value {number(curve.assumed, 2)} was used ({name}). The intervals allow for an error in it."
         )
     else:
         value, assumed = estimate(curve.expo, *curve.ci95), f"{number(curve.assumed, 2)} ({name})"
-        told = f"not {assumed}: the torque was rebuilt with what was found"
+        told = f"not {assumed}. The torque was computed with the identified expo"
         sentence = (
             f"The propellers' expo is {value}, {told if curve.corrected else f'which agrees with {assumed}'}."
         )
     return Table(
         caption="Effectiveness per unit of command against thrust",
-        head=("thrust over its mean while the vehicle was moved", "effectiveness over that at the mean"),
+        head=(
+            "thrust divided by its mean during the manoeuvres",
+            "effectiveness divided by that at the mean thrust",
+        ),
         rows=rows,
         note=f"{sentence} Thrust beyond these rows was not flown.",
     )

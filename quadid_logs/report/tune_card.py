@@ -46,8 +46,9 @@ def _card(result: Result, tuning: Tuning, axes: list[str], planned: Plan | None)
         yield f"- {advice.logging(result.log.format, result.log.parameters, result.log.version)}"
     yield from ("", "## Fly", "")
     steps = (
-        "Choose calm air, a full battery, 10 m of room to all sides.",
-        "Hover at 3 m for 20 s with small stick inputs, at once down again if it shakes or buzzes. Land.",
+        "Choose calm air, a full battery, and 10 m of free space on all sides.",
+        "Hover at 3 m for 20 s with small stick inputs. If the vehicle shakes or the motors buzz, land at "
+        "once. Otherwise land after the 20 s.",
         *(
             (advice_for(result.log.autopilot).excitation(axes, result.log.version),)
             if planned is None

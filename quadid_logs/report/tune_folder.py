@@ -88,7 +88,7 @@ def write_tuning(folder: Path, files: Mapping[str, bytes]) -> tuple[str, ...]:
     for name in sorted(there & files.keys()):
         if (folder / name).read_bytes() != files[name]:
             raise OutputError(
-                f"{printable(folder / name)} leads back to other values, and is never replaced.",
+                f"{printable(folder / name)} holds the way back to other values, so it is not replaced.",
                 hint="Choose another -o.",
             )
     stale = sorted(name for name in _possible_files() - files.keys() - backs if (folder / name).exists())

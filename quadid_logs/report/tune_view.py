@@ -117,8 +117,12 @@ def tune_view(
             "vehicle shakes or the motors buzz."
         )
         steps.append(way_back(result.log.autopilot, tuning).sentence)
-        steps.append("Then fly the confirming flight: plan.md beside this page says what to set and to do.")
-        steps.append(f"Take the log and run `{tune_again(result, tuning)}` on it, until it says keep.")
+        steps.append(
+            "If all was well, fly the confirming flight: plan.md in the same folder says what to set and do."
+        )
+        steps.append(
+            f"Take the log of that flight and run `{tune_again(result, tuning)}`. Repeat until it says keep."
+        )
     steps += _steps_to_advice(result, tuning)
     rows = []
     for axis, found in tuning.axes.items():
@@ -147,8 +151,10 @@ def tune_view(
         ),
         steps=tuple(filled(step, result) for step in steps),
         margins=table,
-        limits=f"Limits, each to be met with 97.5 % confidence: {number(tuning.limits.gain_db, 3)} dB, "
-        f"{number(tuning.limits.phase_deg, 3)} degrees, a disk margin of {number(tuning.limits.disk, 3)}.",
+        limits=(
+            f"Limits: {number(tuning.limits.gain_db, 3)} dB, {number(tuning.limits.phase_deg, 3)} degrees "
+            f"and a disk margin of {number(tuning.limits.disk, 3)}, each met with 97.5 % confidence."
+        ),
         off_nominal=tuple(off_nominal_tables(tuning)),
         off_nominal_note=off_nominal_note(tuning),
     )
@@ -247,10 +253,12 @@ def _axis(
         if np.isfinite(found.attitude_error):
             more = 100.0 * (found.attitude_error - 1.0)
             move = "turn" if axis == "yaw" else "tilt"
-            words.append(f"gusts will {move} it {number(abs(more), 2)} % {'more' if more > 0.0 else 'less'}")
+            words.append(
+                f"gusts will {move} the vehicle {number(abs(more), 2)} % {'more' if more > 0.0 else 'less'}"
+            )
         if np.isfinite(found.torque_noise_next):
             words.append(
-                f"gyro noise on the command {number(100.0 * found.torque_noise, 2)} % → "
+                f"gyro noise on the command changes from {number(100.0 * found.torque_noise, 2)} % to "
                 f"{number(100.0 * found.torque_noise_next, 2)} % of its range ({percent(MOST_NOISE)} is "
                 "accepted)"
             )
@@ -263,12 +271,12 @@ def _axis(
         near = "" if at is None else f" (near {_range(at.ci95)} Hz)"
         sign = f"Watch {axis} and listen to the motors. Land if {axis} shakes or the motors buzz{near}."
         if axis in back.axes:
-            warning = f"{sign} Then {back.loaded(axis)}."
+            warning = f"{sign} After that, {back.loaded(axis)}."
         else:
             flown = _margin_words(whole(found.now), lambda one: resolved(one.value, *one.ci95))
             warning = (
-                f"{sign} Do not load the flown gains of {axis} then: they have less margin ({flown}). Tune "
-                "from the log of that flight."
+                f"{sign} Do not load the flown gains of {axis} after that: they have less margin ({flown}). "
+                "Tune from the log of that flight."
             )
     return TuneAxisView(
         axis=axis,
@@ -302,17 +310,17 @@ def _progress(found: AxisTuning, limits: Limits) -> str:
     fields = limits._fields if found.next is None else missed(found.next, limits)
     short = listed([units[name].format(number(getattr(limits, name), 3)) for name in fields])
     if found.by_rule:
-        return "Nothing is promised. Fly short and low, and run tune on that log."
+        return "No margin is promised. Hover low for a short time, and run tune on that log."
     if not short:
         return (
             f"This is one step of several: expect {_more(found.more_flights)}." if found.more_flights else ""
         )
     if any(one.code == "QL638" for one in found.reasons):
-        after = f", also after {_more(found.more_flights)}" if found.more_flights else ""
-        return f"The gains come closer to {short} but do not reach it{after}."
+        after = f", even after {_more(found.more_flights)}" if found.more_flights else ""
+        return f"The gains come closer to {short}, but do not reach it{after}."
     if found.flights_to_limits:
         return f"Not there yet for {short}: expect {_more(found.flights_to_limits)}."
-    return f"The next gains miss {short} by less than one flight can measure."
+    return f"The next gains miss {short} by less than a flight can measure."
 
 
 def _more(n_flights: int) -> str:
@@ -330,7 +338,9 @@ def autotune_words(forecast: AutotuneForecast) -> str:
     promised = f" with {' and '.join(figures)}" if figures else ""
     text = f"{forecast.title} would end at {gains}{promised}."
     if forecast.ended_fraction < 1.0:
-        text += f" In {percent(1.0 - forecast.ended_fraction)} of the vehicles it would end without gains."
+        text += (
+            f" In {percent(1.0 - forecast.ended_fraction)} of the plant samples it would end without gains."
+        )
     if forecast.unstable_fraction > 0.0:
         text += f" In {percent(forecast.unstable_fraction)} of them the loop would be unstable."
     return text

@@ -12,7 +12,7 @@ from quadid_logs.vocabulary import AXES, ON_AXIS, vehicle_words
 
 _HEADLINES = {
     "usable": "The model can be used on all three axes.",
-    "caution": "The model can be used, with the caveats named below.",
+    "caution": "The model can be used with caution: see the caveats below.",
     "refused": "This log gives no model that can be trusted.",
 }
 

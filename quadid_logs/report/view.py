@@ -220,7 +220,7 @@ def _model_sentence(result: Result, model: Model | None) -> str:
             parts.append(f"The rotors speed up in {up} ms and slow down in {down} ms.")
         if model.yaw_reaction is not None and not refused_axes(result)[AXES.index("yaw")]:
             lead = _milliseconds(model.yaw_reaction.lead_s, *model.yaw_reaction.ci95_s, known=True)
-            parts.append(f"Rotors that speed up turn the vehicle too: yaw leads its torque by {lead}.")
+            parts.append(f"Rotors that speed up also turn the vehicle, so yaw leads its torque by {lead}.")
     if input_unit(result) == "1":
         parts.append("L, M and N are the autopilot's normalised commands, not N m.")
     if model.note:
@@ -253,14 +253,14 @@ def _validation_sentence(model: Model | None, spectral: Sequence[SpectralFit] = 
     ]
     simulated = (
         f"{seconds(model.validation.held_out_s)} of the flight are validation data, which the fit did not "
-        f"use. In the fitted band, the rates simulated from the torque explain {listed(told)}."
+        f"use. In the fitted band, the rates simulated from the torque reproduce {listed(told)}."
         if told
         else ""
     )
     # What wind did cannot be simulated: there, only what was commanded tells how good a model is.
     commanded = [f"{percent(value)} of {axis}" for axis, value in by_commands.items()]
     of_commands = (
-        "Wind or another effect moved the vehicle, too, so its response to commands is judged: of the "
+        "Wind or another effect also moved the vehicle, so its response to commands is judged. Of the "
         f"commanded acceleration, the model explains {listed(commanded)}."
         if commanded
         else ""
@@ -312,12 +312,12 @@ def _reproduction(result: Result, provenance: Provenance) -> tuple[tuple[str, st
         ("quadid-logs", provenance.version),
         ("Command", printable(provenance.command, LONGEST_COMMAND) or "(called from Python)"),
         ("Log", printable(result.log.path)),
-        ("SHA-256 of the log", provenance.log_sha256 or "the file cannot be read any more"),
+        ("SHA-256 of the log", provenance.log_sha256 or "the file can no longer be read"),
         (
             "Vehicle file",
             "none" if vehicle is None else printable(vehicle.name, 80) or "given, without a name",
         ),
-        ("Settings chosen", _listed(chosen) or "none, all as this version has them"),
+        ("Settings chosen", _listed(chosen) or "none: all at the defaults of this version"),
         ("All settings", _listed(every)),
         ("Time taken", timings or "–"),
     )

@@ -114,7 +114,7 @@ class _Routes:
         access = self._server.access
         if not access.knows_token(token):
             await asyncio.sleep(_WRONG_TOKEN_S)
-            return start_page("That is not the token of this server.", status=403)
+            return start_page("This is not the token of this server.", status=403)
         # No redirect: after one that began on another page (a terminal's, say) a strict cookie is not sent.
         response = page("enter.html")
         response.set_cookie(access.cookie_name, access.cookie, httponly=True, samesite="strict", path="/")
@@ -210,7 +210,7 @@ class _Routes:
         name = str(self._done(request).summary.get("vehicle", ""))
         found = await asyncio.to_thread(vehicle_page, self._server.store.history, name)
         if found is None:
-            raise HTTPException(404, "Nothing is known of this vehicle yet.")
+            raise HTTPException(404, "No flight of this vehicle was analyzed yet.")
         return found
 
     async def rename(self, request: Request) -> Response:
@@ -290,9 +290,9 @@ async def _body(request: Request) -> bytes:
             async for block in request.stream():
                 found += block
                 if len(found) > _MOST_BODY:
-                    raise HTTPException(413, "That is too long.")
+                    raise HTTPException(413, "The request is too long.")
     except TimeoutError as error:
-        raise HTTPException(408, "The question was broken off.") from error
+        raise HTTPException(408, "The request was cut off.") from error
     return found
 
 
@@ -301,9 +301,9 @@ async def _json(request: Request) -> Mapping[str, Any]:
     try:
         found = json.loads(await _body(request))
     except (ValueError, RecursionError) as error:
-        raise HTTPException(400, "That is no JSON.") from error
+        raise HTTPException(400, "The request is not JSON.") from error
     if not isinstance(found, dict):
-        raise HTTPException(400, "That is no question.")
+        raise HTTPException(400, "The request is not valid.")
     return found
 
 

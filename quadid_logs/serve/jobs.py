@@ -226,7 +226,7 @@ def _plan(job: Job, tell: Tell) -> Done:
         [str(axis) for axis in job.options["axes"]],
         parse_version(firmware) if firmware else None,
     )
-    tell("flying it in the simulator", None)
+    tell("simulating the flight", None)
     lines = card_lines(planned, predict(planned))
     card = "\n".join(lines) + "\n"
     files = parameter_files(planned) | live_files(planned)

@@ -40,8 +40,8 @@ class FolderLock:
             holder = os.pread(self._file, 200, 0).decode("utf-8", "replace") if hasattr(os, "pread") else ""
             os.close(self._file)
             raise SettingsError(
-                f"Another server has {printable(folder)}{f': {printable(holder)}' if holder else ''}.",
-                hint="Use that one, end it, or choose another --store.",
+                f"Another server uses {printable(folder)}{f': {printable(holder)}' if holder else ''}.",
+                hint="Use that server, end it, or choose another --store.",
             )
         os.ftruncate(self._file, 0)
         os.write(self._file, f"{address} (process {os.getpid()})".encode())

@@ -179,7 +179,9 @@ class Guard:
 
         refused = self._refusal(scope["method"], scope["path"], Headers(scope=scope))
         if refused is None and self._n_open >= _MOST_REQUESTS:
-            refused = PlainTextResponse("Too much at once; try again.", 503, {"Retry-After": _RETRY_S})
+            refused = PlainTextResponse(
+                "Too many requests at once. Try again.", 503, {"Retry-After": _RETRY_S}
+            )
         if refused is not None:
             await refused(scope, receive, send_with_headers)
             return
@@ -205,7 +207,7 @@ class Guard:
             )
             comes_from_us = is_link or self._may_read(headers)
         if not comes_from_us:
-            return PlainTextResponse("Only this server's own page may ask this.", 403)
+            return PlainTextResponse("Only this server's own page may request this.", 403)
         if path in _OPEN_PATHS or (
             self._may_read(headers) and access.knows_cookie(headers.get("cookie", ""))
         ):

@@ -130,10 +130,12 @@ def _check(settings: ServeSettings) -> None:
         return
     if len(settings.token) < LEAST_TOKEN:
         raise SettingsError(
-            f"Whoever reaches {printable(settings.host)} reaches your logs: that needs a token of "
+            f"Anyone who reaches {printable(settings.host)} can read your logs. Set a token of "
             f"{LEAST_TOKEN} characters or more.",
-            hint="Put it into the environment as QUADID_SERVE_TOKEN. What is sent is not encrypted; "
-            "a tunnel (ssh -L) to a server without --host is.",
+            hint=(
+                "Put it into the environment as QUADID_SERVE_TOKEN. The connection is not encrypted. For "
+                "an encrypted one, leave --host out and use a tunnel (ssh -L)."
+            ),
         )
 
 

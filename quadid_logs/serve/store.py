@@ -83,7 +83,8 @@ class ServeStore:
             names = {path.name for path in folder.iterdir()}
             if not names <= {"serve.lock", UPLOADS, LOGS, WORK, RESULTS}:  # killed at its very first start
                 raise OutputError(
-                    f"{printable(folder)} exists and is no store of a server.", hint="Choose another --store."
+                    f"{printable(folder)} exists and is not a store of `quadid-log serve`.",
+                    hint="Choose another --store.",
                 )
         self.folder = folder
         make_folder(folder)
@@ -132,7 +133,7 @@ class ServeStore:
                 if entry.n_begun < MOST_BEGUN:
                     resumed = replace(entry, state=State.QUEUED)
                 else:
-                    reason = f"The server ended {entry.n_begun} times while this was being done."
+                    reason = f"The server ended {entry.n_begun} times during this analysis."
                     resumed = replace(entry, state=State.FAILED, error=reason)
                 self.put(resumed)
         logs = {log for entry in entries.values() for log in entry.logs}

@@ -72,7 +72,7 @@ class Uploads:
             If it is too large, the disk too full, or the browser went away.
         """
         if self._n_open >= _MOST_AT_ONCE:
-            raise UploadError(503, "Too many uploads at once; try again.")
+            raise UploadError(503, "Too many uploads at once. Try again.")
         self._check(declared or 0, 0)
         self._n_open += 1
         self._announced += declared or 0
@@ -84,7 +84,7 @@ class Uploads:
         except OSError as error:
             raise UploadError(507, f"The log cannot be written: {error.strerror or error}.") from error
         except (ClientDisconnect, TimeoutError) as error:
-            raise UploadError(408, "The upload was broken off.") from error
+            raise UploadError(408, "The upload was cut off.") from error
         finally:
             self._n_open -= 1
             self._announced -= declared or 0

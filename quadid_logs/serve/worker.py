@@ -86,13 +86,13 @@ class Worker:
                 elif time.monotonic() > deadline:
                     self.kill()
                     self._process.join(_GONE_S)
-                    raise JobError(f"It was not done within {timeout_s / 60.0:g} minutes.")
+                    raise JobError(f"The analysis was not done within {timeout_s / 60.0:g} minutes.")
         except (EOFError, OSError) as error:
             self.kill()
             self._process.join(_GONE_S)
             code = self._process.exitcode
             ending = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
-            raise JobError(f"Its process ended ({ending}).") from error
+            raise JobError(f"The process of the analysis ended ({ending}).") from error
 
     def kill(self) -> None:
         """End the process at once."""
@@ -138,7 +138,7 @@ def _answer(job: Job, tell: Tell) -> Done | JobError:
     except QuadidError as error:
         return JobError(_told(error, job))
     except MemoryError:
-        return JobError("It takes more memory than one analysis may have.")
+        return JobError("The analysis needs more memory than it may use.")
     except Exception as error:  # noqa: BLE001 - one log must never stop the others
         return JobError(
             printable(f"unexpected {type(error).__name__}: {_told(error, job)}; a bug in quadid-logs")

@@ -232,7 +232,7 @@ def adapted(airframe: SimulatedAirframe, vehicle: Vehicle) -> SimulatedAirframe:
     )
     if not 0.05 < changed.hover_throttle < 0.85:
         raise SimulationError(
-            f"The vehicle hovers at {changed.hover_throttle:.0%} of its thrust, which cannot be flown.",
+            f"The vehicle would hover at {changed.hover_throttle:.0%} of its thrust, which cannot be flown.",
             hint="Check mass_kg against max_thrust_n (one rotor, full battery) in the vehicle file.",
         )
     return changed

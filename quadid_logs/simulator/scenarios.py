@@ -106,12 +106,12 @@ _ROUGH: Final = (1.3, 1.3, 0.43)
 _STRUCTURAL: Final = (
     (
         "rough-air",
-        "The good flight with disturbances as strong as flown logs show.",
+        "The good flight with disturbances as strong as in flown logs.",
         Effects(disturbance_rad_s2=_ROUGH),
     ),
     (
         "tilt-unstable",
-        "The good flight of a vehicle that falls away from level: a tilt grows e-fold in 0.3 s.",
+        "The good flight of a vehicle that is unstable in tilt: a tilt grows e-fold in 0.3 s.",
         Effects(tilt_stiffness_1_s2=10.0),
     ),
     (
@@ -131,12 +131,12 @@ _STRUCTURAL: Final = (
     ),
     (
         "hidden-saturation",
-        "The good flight with motors that follow no more than a tenth of the full torque; nothing logs it.",
+        "The good flight with motors limited to a tenth of the full torque, which the log does not show.",
         Effects(torque_limit=(0.1, 0.1, 0.3)),
     ),
     (
         "alternating-gain",
-        "The good flight with effectiveness that is 20 % up and 20 % down in turn, 2.5 s each.",
+        "The good flight with effectiveness that alternates between +20 % and -20 % every 2.5 s.",
         Effects(gain_swing=0.2),
     ),
     (
@@ -146,7 +146,7 @@ _STRUCTURAL: Final = (
     ),
     (
         "expo-mismatch",
-        "The good flight with a firmware that is set to a thrust expo of 0.2, on propellers with 0.6.",
+        "The good flight with the thrust expo set to 0.2 in the firmware, but 0.6 in the propellers.",
         Effects(firmware_expo=0.2),
     ),
     (
@@ -161,7 +161,7 @@ _STRUCTURAL: Final = (
     ),
     (
         "outliers",
-        "The good flight with a sample in a thousand of rates, torque and rotor speeds absurd.",
+        "The good flight in which one of a thousand samples of rates, torque and rotor speeds is absurd.",
         Effects(outlier_fraction=0.001),
     ),
 )
@@ -205,7 +205,7 @@ _FAULTS: Final = (
     ),
     (
         "desync",
-        "A careful pilot in rough air; motor 2 loses step for 80 ms.",
+        "A careful pilot in rough air; the ESC of motor 2 loses step for 80 ms.",
         Effects(disturbance_rad_s2=_ROUGH, desync_rotor=2),
     ),
 )
@@ -288,7 +288,7 @@ _LIST: Final = (
     ),
     Scenario(
         name="noisy-gyro",
-        sentence="A badly damped flight controller: ten times the gyro noise.",
+        sentence="A flight controller on bad vibration dampers: ten times the gyro noise.",
         noise=Noise(gyro_rad_s_per_rthz=1.0e-3),
         gyro_filter_hz=20.0,
         verdicts=_all(_AT_MOST_CAUTION),
@@ -305,7 +305,10 @@ _LIST: Final = (
     ),
     Scenario(
         name="damaged",
-        sentence="The good flight on a bad card: noise, zeros and a lost block in the file, no end.",
+        sentence=(
+            "The good flight on a bad card: the file holds noise, zeros and a lost block, and its end is "
+            "missing."
+        ),
         damage=(
             Damage(kind="noise", at=0.3, n_bytes=3000),
             Damage(kind="zeros", at=0.5, n_bytes=4096),
@@ -316,7 +319,10 @@ _LIST: Final = (
     ),
     Scenario(
         name="dropouts",
-        sentence="A slow card: 2 % of the rows missing in bursts of 0.1 s, late start, stamps that jitter.",
+        sentence=(
+            "A slow card: 2 % of the rows are missing in bursts of 0.1 s, the log starts late, and time "
+            "stamps jitter."
+        ),
         logging=Logging(drop_fraction=0.02, start_s=4.0, jitter_s=150e-6),
         verdicts=_all(_AT_MOST_CAUTION),
     ),

@@ -214,7 +214,7 @@ def test_pulse_widths_that_do_not_fit_leave_the_command_first(made: FlightLog) -
     assert prepared.log.torque is not None
     assert not torques_of(prepared)[0].achieved
     assert all(series.n_samples > 1000 for series in prepared.candidates["torque_n_m"])
-    assert any("pulse widths miss" in remark for remark in prepared.log.torque.remarks)
+    assert any("pulse widths differ" in remark for remark in prepared.log.torque.remarks)
 
 
 def test_parameters_from_before_3_4_rebuild_nothing(made: FlightLog) -> None:

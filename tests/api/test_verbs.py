@@ -92,7 +92,7 @@ def test_a_table_compares_with_a_table(analysis: quadid_logs.Analysis) -> None:
 def test_flights_repeat_by_path_and_result(analysis: quadid_logs.Analysis) -> None:
     """The second is the same flight, and says so."""
     found = quadid_logs.repeat([analysis, str(SAMPLE)])
-    assert found.reasons[1]["roll"] == "it holds the same flight as log 1"
+    assert found.reasons[1]["roll"] == "it repeats the flight of log 1"
 
 
 def test_an_analysis_is_tuned_once(tuned: Result) -> None:
@@ -122,7 +122,7 @@ def test_a_promise_is_checked_from_a_file_its_folder_and_the_flight_before(
 
 def test_a_flight_that_promises_nothing_cannot_be_checked_against(analysis: quadid_logs.Analysis) -> None:
     """Its controller is not known well enough."""
-    with pytest.raises(SettingsError, match="promises nothing"):
+    with pytest.raises(SettingsError, match="no promise to check"):
         quadid_logs.check(analysis, analysis)
 
 
@@ -213,7 +213,7 @@ def test_a_fleet_of_a_table_is_told_to_write_it_first(
 ) -> None:
     """Its columns were taken for paths of logs."""
     table = analysis.to_pandas()
-    with pytest.raises(SettingsError, match="made of files"):
+    with pytest.raises(SettingsError, match="needs files"):
         quadid_logs.fleet([table] if wrapped else table, tmp_path / "store")
 
 
@@ -329,5 +329,5 @@ def test_a_fleet_takes_a_result_by_its_file(
 
 def test_a_fleet_cannot_read_what_is_in_memory_only(tmp_path: Path) -> None:
     """With what to do."""
-    with pytest.raises(SettingsError, match="read from none"):
+    with pytest.raises(SettingsError, match="not read from one"):
         quadid_logs.fleet(flown("ardupilot"), tmp_path)

@@ -263,7 +263,7 @@ def test_a_frame_that_mixes_otherwise_is_not_taken_for_a_quad_x() -> None:
     """Motors in another order."""
     found = find_airframe(mixed(MIX[[1, 0, 2, 3]]))
     assert isinstance(found, Unknown)
-    assert "custom mixer" in found.remark
+    assert "a custom one" in found.remark
 
 
 def test_a_mixer_that_takes_half_of_the_sums_at_low_throttle_is_that_of_its_frame() -> None:

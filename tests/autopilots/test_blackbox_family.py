@@ -278,7 +278,7 @@ def test_where_sticks_ask_for_angles_no_set_points_are_made_of_them(
     (found,) = log.candidates("body_rate_setpoint")
     np.testing.assert_allclose(found.values[:128, 0], 100.0 * DEGREE)
     assert np.isnan(found.values[128:]).all()
-    assert any("ask for angles" in remark for remark in log.remarks)
+    assert any("sticks command angles" in remark for remark in log.remarks)
 
 
 def test_digital_outputs_that_are_logged_as_pulses_are_pulses() -> None:

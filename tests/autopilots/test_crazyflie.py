@@ -168,7 +168,7 @@ def test_the_controller_that_flew_is_the_one_whose_commands_move(flown: str, tmp
         for name in names
     }
     log = written(tmp_path, fields)
-    assert f"the {flown} controller flew" in log.remarks[0]
+    assert f"The {flown} controller flew" in log.remarks[0]
     (torque,) = log.signals["torque_command"]
     assert GROUPS[flown][0] in torque.source
 

@@ -129,7 +129,7 @@ def test_the_schema_of_this_package_alone_refuses_the_toy() -> None:
     ("entry_point", "said"),
     [
         ("no_such_module:AUTOPILOT", "cannot be loaded"),
-        ("tests.autopilots.toy:SOURCES", "names no Autopilot"),
+        ("tests.autopilots.toy:SOURCES", "is not an Autopilot"),
     ],
 )
 def test_a_broken_package_is_one_line_that_names_it(

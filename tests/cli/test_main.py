@@ -158,7 +158,7 @@ def test_an_interruption_exits_with_130(pipeline: FakePipeline, capsys: pytest.C
     """Ctrl-C is no error of the log, and leaves no folder."""
     assert main(["analyze", "interrupted.bin", "-o", "out"]) == 130
     told = capsys.readouterr().err
-    assert "interrupted; nothing was left half-written" in told
+    assert "interrupted: no file was left half-written" in told
     assert "Traceback" not in told
     assert not Path("out").exists()
 
@@ -375,12 +375,12 @@ def test_a_vehicle_file_reaches_the_analysis(pipeline: FakePipeline) -> None:
         (["analyze", "usable.bin", "--structure", "magic"], "damped"),
         (["analyze", "usable.bin", "--start-s", "9", "--end-s", "3"], "empty"),
         (["analyze", "usable.bin", "--sample-rate-hz", "nan"], "sample_rate_hz"),
-        (["analyze", "usable.bin", "--band", "8", "1"], "no band from 8 to 1 Hz"),
-        (["analyze", "usable.bin", "--band", "0", "8"], "no band from 0 to 8 Hz"),
-        (["analyze", "usable.bin", "--band", "-1", "8"], "no band from -1 to 8 Hz"),
-        (["analyze", "usable.bin", "--band", "1", "nan"], "no band"),
+        (["analyze", "usable.bin", "--band", "8", "1"], "8 to 1 Hz is not a possible band"),
+        (["analyze", "usable.bin", "--band", "0", "8"], "0 to 8 Hz is not a possible band"),
+        (["analyze", "usable.bin", "--band", "-1", "8"], "-1 to 8 Hz is not a possible band"),
+        (["analyze", "usable.bin", "--band", "1", "nan"], "not a possible band"),
         (["analyze", "usable.bin", "--band", "1"], "--band"),
-        (["compare", "usable.bin", "usable.bin", "--band", "3", "2"], "no band from 3 to 2 Hz"),
+        (["compare", "usable.bin", "usable.bin", "--band", "3", "2"], "3 to 2 Hz is not a possible band"),
         (["analyze", "usable.bin", "--vehicle", "none.toml"], "none.toml"),
         (["analyse", "usable.bin"], "analyze"),
         (["info", "nothing-here.bin"], "nothing-here.bin"),

@@ -129,7 +129,7 @@ def test_the_terminal_says_on_which_axes_a_sweep_is_judged(
     result = replace(of_roll_result, log=replace(of_roll_result.log, swept_axes=("roll",)))
     monkeypatch.setattr(pipeline, "analyze", lambda *_given, **_named: result)
     main(["analyze", str(of_roll), "-o", str(tmp_path), "--no-report"])
-    told = "The flight swept roll: the exit code judges no other axis. --axes chooses others."
+    told = "The flight swept roll: the exit code is judged on that alone. --axes chooses other axes."
     assert told in capsys.readouterr().out
     main(["analyze", str(of_roll), "-o", str(tmp_path), "--no-report", "--force", "--axes", "roll"])
     assert told not in capsys.readouterr().out
@@ -202,8 +202,8 @@ def test_a_model_of_axes_that_must_not_be_trusted_is_exported_with_a_warning(
     assert main(["export", str(analyzed_once), "--model", "-o", str(tmp_path / "model.py")]) == 1
     out, err = capsys.readouterr()
     assert "Wrote the model" in out
-    (line,) = [each for each in err.splitlines() if "must not be trusted" in each]
-    assert "pitch and yaw of this model must not be trusted" in line
+    (line,) = [each for each in err.splitlines() if "Do not trust" in each]
+    assert "Do not trust pitch and yaw of this model" in line
     assert f"quadid-log analyze {analyzed_once}" in line
 
 

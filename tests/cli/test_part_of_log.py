@@ -61,4 +61,4 @@ def test_info_on_a_part_without_a_flight_is_wrong_usage(capsys: pytest.CaptureFi
 def test_the_help_says_which_clock_is_meant(capsys: pytest.CaptureFixture[str]) -> None:
     """Seconds of what."""
     assert main(["analyze", "--help"]) == 0
-    assert "on the log's clock as info shows it" in " ".join(capsys.readouterr().out.split())
+    assert "on the log's clock, which `info` shows" in " ".join(capsys.readouterr().out.split())

@@ -148,15 +148,15 @@ def test_a_plan_like_a_log_without_a_model_says_whose_model_it_is_computed_for(
     like = ["--like", "sample_logs/default-logging.bin", "-o", str(tmp_path / "plan")]
     assert main(["plan", "--axis", "roll", *like]) == 0
     printed = capsys.readouterr().out
-    assert "the log tells nothing of roll" in printed
+    assert "the log shows nothing of roll" in printed
     assert "model of the log" not in printed
 
 
 def test_a_plan_for_a_vehicle_that_nobody_knows_says_when_not_to_load_its_mask() -> None:
     """Only who looks at the vehicle can tell whether another one is set."""
     files = parameter_files(make_plan("ardupilot")) | parameter_files(make_plan("px4"))
-    assert "where yours is not 176126, do not load" in files["logging.param"]
-    assert "where yours is not 1, do not load" in files["logging.params"]
+    assert "if your value is not 176126, do not load" in files["logging.param"]
+    assert "if your value is not 1, do not load" in files["logging.params"]
 
 
 def test_the_sweep_is_taken_off_the_vehicle_by_a_file() -> None:
@@ -170,7 +170,7 @@ def test_before_system_id_mode_the_pilot_flies_doublets() -> None:
     assert not plan.sweeps
     assert parameter_files(plan).keys() == {"logging.param"}
     notes = plan.advice.version_notes(plan.version)
-    assert any("needs ArduCopter 4.0" in note for note in notes)
+    assert any("needs 4.0 or later" in note for note in notes)
     assert any("at 25 Hz" in note for note in notes)
 
 
@@ -221,7 +221,7 @@ def test_nothing_is_set_on_the_ground_before_the_landing() -> None:
     """ "Set SID_AXIS back to 0" stood before "Land", though files are loaded on the ground."""
     steps = make_plan("ardupilot", ["roll", "yaw"]).steps_by_hand()
     assert "and land" in steps[-2]
-    assert steps[-1] == "After the last landing load sweep-off.param, which sets SID_AXIS back to 0."
+    assert steps[-1] == "After the last landing, load sweep-off.param: it sets SID_AXIS back to 0."
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])

@@ -76,7 +76,7 @@ def test_every_verb_takes_the_longest_log_and_says_so(
     monkeypatch.chdir(file.parent)
     monkeypatch.setattr("quadid_logs.planning.predict", lambda *_a: synthetic_prediction())
     main([str(file) if word == "FILE" else word for word in verb])
-    assert "two.bbl holds 2 logs. Log 2, the longest" in capsys.readouterr().err
+    assert "two.bbl holds 2 logs. The longest one, log 2" in capsys.readouterr().err
 
 
 def test_the_next_commands_name_the_log_of_the_file() -> None:
@@ -120,4 +120,4 @@ def test_a_page_that_gets_several_logs_takes_the_longest_and_says_so(file: Path,
     )
     done = do(job, lambda _stage, _summary: None)
     assert done.summary["flown"].endswith("log 2, the longest of 2 in the file")
-    assert "this is log 2" in (folder / "report.html").read_text()
+    assert "This is log 2" in (folder / "report.html").read_text()

@@ -78,7 +78,7 @@ def test_a_thrust_curve_is_read(tmp_path: Path) -> None:
         ("torque_to_thrust_m = 16", "N m of torque per N"),
         ("mass_kg = '1 kg'", "must be a number"),
         ("mass_kg = true", "must be a number"),
-        ("name = 3", "name must be a text"),
+        ("name = 3", "name must be text"),
         ("rotor = 3", "list of tables"),
         ("[[rotor]]\nposition_m = [0, 0, 0]", "lacks spin"),
         ("[[rotor]]\nposition_m = [0, 0]\nspin = 'cw'", "position_m"),
@@ -90,7 +90,7 @@ def test_a_thrust_curve_is_read(tmp_path: Path) -> None:
         ("inertia_kg_m2 = [1, 2, -3]", "positive definite"),
         ("inertia_kg_m2 = [[1, 2, 0], [0, 1, 0], [0, 0, 1]]", "symmetric"),
         ("inertia_kg_m2 = ['a', 'b', 'c']", "numbers only"),
-        ("mass_kg = ", "no valid TOML"),
+        ("mass_kg = ", "not valid TOML"),
         ("max_thrust_n = 1\nthrust_curve = [[0, 0], [1, 1]]", "same thing"),
         ("arm_length_m = 1\n[[rotor]]\nposition_m = [0, 0, 0]\nspin = 'cw'", "same thing"),
     ],
@@ -108,7 +108,7 @@ def test_a_missing_file_and_a_log_in_its_place_are_clear_errors(tmp_path: Path) 
     with pytest.raises(VehicleFileError, match="Cannot read"):
         read_vehicle(tmp_path)
     (tmp_path / "log.bin").write_bytes(b"\xa3\x95\xff\x00" * 100)
-    with pytest.raises(VehicleFileError, match="no valid TOML"):
+    with pytest.raises(VehicleFileError, match="not valid TOML"):
         read_vehicle(tmp_path / "log.bin")
 
 

@@ -95,7 +95,7 @@ def _zip(folder: Path) -> bytes:
         (b"speed,height\n1,2\n", "time_s"),
         (bytes(5000), "zeros"),
         (b"\xff" * 5000, "erased flash"),
-        (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "Known are"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "Known formats"),
     ],
     ids=[
         "lfs",
@@ -144,7 +144,7 @@ def test_a_directory_is_no_log(tmp_path: Path) -> None:
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs a device file")
 def test_a_device_file_is_not_read(tmp_path: Path) -> None:
     """An endless device would never end."""
-    with pytest.raises(LogNotFoundError, match="no regular file"):
+    with pytest.raises(LogNotFoundError, match="not a regular file"):
         read_log("/dev/zero")
 
 
@@ -152,7 +152,7 @@ def test_a_device_file_is_not_read(tmp_path: Path) -> None:
 def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
     """Opening a pipe without a writer would hang."""
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(LogNotFoundError, match="no regular file"):
+    with pytest.raises(LogNotFoundError, match="not a regular file"):
         read_log(tmp_path / "pipe")
 
 

@@ -80,7 +80,7 @@ def test_formats_that_keep_changing_come_to_an_end():
             formats.define(f"other:float x{number};")
             formats.row("wide")
 
-    with pytest.raises(BrokenMessageError, match="change all the time"):
+    with pytest.raises(BrokenMessageError, match="keep changing"):
         change_all_the_time()
 
 
@@ -152,7 +152,7 @@ def test_a_parquet_file_that_unfolds_to_far_more_than_its_size_is_refused(tmp_pa
     path = tmp_path / "zeros.parquet"
     zeros = pa.array(np.zeros(3_000_000))
     pa.parquet.write_table(pa.table({"time_s": zeros, "p_rad_s": zeros}), path)
-    with pytest.raises(UnknownFormatError, match="unfolds from"):
+    with pytest.raises(UnknownFormatError, match="unpacks from"):
         read_cells(path, lambda names: names)
 
 

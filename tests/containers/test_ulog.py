@@ -389,7 +389,7 @@ def test_only_the_topics_asked_for_are_decoded(tmp_path: Path) -> None:
 
 def test_a_log_without_data_is_called_empty(tmp_path: Path) -> None:
     """Definitions alone are no flight."""
-    with pytest.raises(EmptyLogError, match="no data message"):
+    with pytest.raises(EmptyLogError, match="no readable data message"):
         read_log(write(tmp_path, make.header() + make.definitions()))
 
 

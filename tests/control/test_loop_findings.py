@@ -88,7 +88,7 @@ def test_the_title_says_how_little_margin_it_is(gain_db: float, phase_deg: float
     """43 degrees and 17.6 dB are a sound race tune."""
     (one,) = found_in(AxisLoop(margins=LoopMargins(rate=margins(gain_db, phase_deg), full=None)))
     assert one.title == title
-    assert ("land if" in one.advice) == (title == "Roll is close to instability")
+    assert ("Land if" in one.advice) == (title == "Roll is close to instability")
 
 
 @pytest.mark.parametrize(

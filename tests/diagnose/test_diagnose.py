@@ -199,7 +199,7 @@ def test_motor_outputs_without_torque_are_not_called_nothing() -> None:
         log = flight_log(*signals, autopilot="other", format="tlog")
         findings = judge(align(log, AlignSettings()), log).findings
         said[name] = next(each.title for each in findings if each.code == "QL302")
-    assert "Motor outputs were logged at 5 Hz" in said["outputs"]
+    assert "motor outputs logged at 5 Hz" in said["outputs"]
     assert said["none"] == CATALOGUE["QL302"].title
 
 

@@ -117,7 +117,7 @@ def test_a_flipped_axis_is_an_error_that_names_it(axis: str) -> None:
     signs = np.where(np.array(["roll", "pitch", "yaw"]) == axis, -1.0, 1.0)
     (finding,) = found(logged(RATE * signs))
     assert (finding.level, finding.axes) == ("error", (axis,))
-    assert finding.title == f"The {axis} rate has the wrong sign, by the attitude"
+    assert finding.title == f"By the logged attitude, the {axis} rate has the wrong sign"
 
 
 def test_degrees_taken_for_radians_are_an_error_on_every_axis() -> None:
@@ -147,8 +147,8 @@ def test_swapped_axes_are_named() -> None:
     """Roll logged as pitch and pitch as roll."""
     findings = found(logged(RATE[:, [1, 0, 2]]))
     assert [each.title for each in findings] == [
-        "The roll rate turns pitch by the attitude",
-        "The pitch rate turns roll by the attitude",
+        "By the logged attitude, the roll rate is the rate of pitch",
+        "By the logged attitude, the pitch rate is the rate of roll",
     ]
     assert {each.level for each in findings} == {"error"}
 

@@ -11,8 +11,12 @@ from quadid_logs.autopilots import known
 from quadid_logs.data.catalogue import CATALOGUE
 from quadid_logs.data.diagnosis import Diagnosis, Finding, Level
 from quadid_logs.data.log import FlightLog
-from quadid_logs.data.result import Result
+from quadid_logs.data.model import Identification
+from quadid_logs.data.result import PooledLog, Result
+from quadid_logs.diagnose import remedied
 from quadid_logs.diagnose.advice import advice_for, next_steps
+from quadid_logs.diagnose.file_findings import find_in_pool
+from quadid_logs.diagnose.findings import finding
 from quadid_logs.report.inventory import inventory_lines
 from quadid_logs.report.next_flight import next_steps as flight_steps
 from quadid_logs.report.text import result_lines
@@ -39,6 +43,22 @@ def test_what_is_to_be_set_comes_before_one_manoeuvre_for_all_axes(autopilot: st
     """A flight that is logged as the last one is for nothing, even if only a warning says so."""
     steps = next_steps((_log(autopilot), each) for each in (*THREE_WEAK_AXES, TOO_SLOW))
     assert steps == (SET, advice_for(autopilot).excitation(AXES, None))
+
+
+@pytest.mark.parametrize("autopilot", [each.name for each in known()])
+@pytest.mark.parametrize("code", CATALOGUE)
+def test_no_step_says_that_there_is_nothing_to_do(code: str, autopilot: str) -> None:
+    """A step is something to do: one that is for nothing hides the next."""
+    found = remedied([finding(code, "warning", {})], autopilot)
+    steps = next_steps((_log(autopilot), each) for each in found)
+    assert not [step for step in steps if "nothing to do" in step.lower()]
+
+
+def test_pooled_logs_without_a_flight_are_to_be_left_out() -> None:
+    """It was advised to do nothing if all are of one vehicle."""
+    pooled = [PooledLog(path="flown.bin", used_s=60.0), PooledLog(path="bench.bin", used_s=0.0)]
+    (step,) = next_steps((_log(), each) for each in find_in_pool(pooled, Identification()))
+    assert step.startswith("Leave out ")
 
 
 def test_the_manoeuvre_names_the_axes_that_need_it_and_no_other() -> None:

@@ -21,6 +21,16 @@ def test_a_warning_about_the_loop_leaves_the_model_usable(code: str) -> None:
     assert roll_with(code) == "usable"
 
 
+def test_the_sentence_of_an_axis_is_about_this_axis_before_the_whole_file() -> None:
+    """That several logs were pooled was the first thing said of an axis that only its plan tells."""
+    pooled = finding("QL107", "warning", {})
+    planned = finding("QL535", "warning", {}, axes=("roll",), title="It is the plan's")
+    axes = with_findings(Diagnosis(findings=(), axes={}), [pooled, planned], "other").axes
+    assert axes["roll"].sentence == "It is the plan's."
+    assert axes["pitch"].sentence == f"{pooled.title}."
+    assert axes["roll"].reasons == ("QL107", "QL535")
+
+
 @pytest.mark.parametrize("code", ["QL501", "QL602", "QL403"])
 def test_a_warning_about_the_model_is_a_caution(code: str) -> None:
     """QL602 too: the effectiveness itself is in doubt where two methods disagree about it."""

@@ -158,7 +158,7 @@ def changed(factors):
     ("factors", "code", "words"),
     [
         ([1.0, 1.0, 0.5], 3, "quad-2 may have changed: the last flight differs"),
-        ([1.0, 2.0] * 4, 1, "quad-2 flights are not one vehicle: they scatter far beyond their intervals"),
+        ([1.0, 2.0] * 4, 1, "quad-2 flights are not of one vehicle: they scatter far beyond their intervals"),
         ([1.0, 1.0, 1.0, 0.6, 0.6, 1.0, 1.0, 1.0], 1, "quad-2 changed with flight 4 of 8"),
         ([1.0, 1.0, 1.0], 0, ""),
     ],

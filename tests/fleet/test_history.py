@@ -31,7 +31,9 @@ def halved(first):
     return change
 
 
-@pytest.mark.parametrize(("first", "words"), [(4, "one more decides"), (5, "two more decide")])
+@pytest.mark.parametrize(
+    ("first", "words"), [(4, "one more flight will decide"), (5, "two more flights will decide")]
+)
 def test_last_flights_with_half_the_effectiveness_are_an_alarm(tmp_path, capsys, first, words):
     """Six flights, the last one or two at half of roll's effectiveness: no all-clear, a code of its own."""
     store = make_store(tmp_path / "store", NAMES, 6, change=halved(first))
@@ -78,7 +80,7 @@ def test_vehicles_with_few_flights_are_not_said_to_be_unchanged(tmp_path, capsys
     """Four flights can show no change."""
     _, _, page = report(tmp_path, capsys, make_store(tmp_path / "store", NAMES, 4))
     assert "No vehicle changed" not in page
-    assert "2 vehicles with fewer than 6 flights" in page
+    assert "2 vehicles with fewer than 6 comparable flights" in page
 
 
 def copied(row, flight):

@@ -224,7 +224,7 @@ def test_a_pipe_is_no_file(tmp_path):
     """Reading it would never end."""
     os.mkfifo(tmp_path / "pipe.bin")
     with (
-        pytest.raises(FetchError, match="no regular file"),
+        pytest.raises(FetchError, match="not a regular file"),
         fetched(LogFile(url=str(tmp_path / "pipe.bin")), 9),
     ):
         pass

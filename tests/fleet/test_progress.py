@@ -40,7 +40,7 @@ def test_a_pipe_gets_few_whole_lines(tally, capsys):
     for _ in range(50):
         progress(tally)
     assert capsys.readouterr().err.splitlines() == [
-        "dashboard, for as long as this runs: http://127.0.0.1:8787/status",
+        "dashboard while this runs: http://127.0.0.1:8787/status",
         "10 of 40 logs, 1.6/s, 15 s left",
     ]
 
@@ -60,5 +60,5 @@ def test_quiet_is_quiet(tally, capsys):
     """Only problems are said then."""
     progress = FleetProgress(quiet=True)
     progress(tally)
-    progress.notice("the scheduler went away")
-    assert capsys.readouterr().err == "quadid-log: the scheduler went away\n"
+    progress.notice("the scheduler does not answer")
+    assert capsys.readouterr().err == "quadid-log: the scheduler does not answer\n"

@@ -128,7 +128,7 @@ def test_a_store_is_neither_overwritten_nor_mixed(undisturbed, logs, tmp_path):
     with pytest.raises(SettingsError, match="structure"):
         run_fleet(files, undisturbed, Options(structure="linear-9"), Cluster(workers=1), resume=True)
     (tmp_path / "letter.txt").write_text("mine")
-    with pytest.raises(OutputError, match="no store"):
+    with pytest.raises(OutputError, match="not a fleet store"):
         run_fleet(files, tmp_path, Options(), Cluster(workers=1), resume=True)
 
 

@@ -206,7 +206,7 @@ def test_an_empty_store_is_an_empty_table(store):
 @pytest.mark.parametrize("read", [lambda folder: list(read_rows(folder, ["url"])), read_table])
 def test_a_folder_that_is_no_store_is_refused(tmp_path, read):
     """By everything that reads one."""
-    with pytest.raises(SettingsError, match="no store"):
+    with pytest.raises(SettingsError, match="not a fleet store"):
         read(tmp_path)
 
 

@@ -72,7 +72,7 @@ def test_a_light_throttle_that_is_cut_now_and_then_is_light() -> None:
     values = np.where(np.arange(T.size) % 100 < 20, 0.0, 0.12 + 0.001 * (np.arange(T.size) % 2))[:, None]
     found = find_throttle(series("throttle", T, values), FLIGHT)
     assert found is not None
-    assert (found.level, "spare" in found.sentence) == ("normal", True)
+    assert (found.level, "in reserve" in found.sentence) == ("normal", True)
 
 
 def test_a_throttle_that_never_changes_is_not_judged() -> None:

@@ -79,7 +79,7 @@ def test_a_log_without_a_flight_says_so_once() -> None:
     )
     view = health_view(replace(refused_result(), health=Health(missing=missing)))
     assert view.lines == ()
-    assert view.missing == ("Nothing is shown of the flight: the throttle never left idle.",)
+    assert view.missing == ("Nothing can be shown: the throttle never left idle.",)
 
 
 def test_a_missing_signal_is_named_with_what_it_keeps_back() -> None:

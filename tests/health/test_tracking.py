@@ -201,7 +201,7 @@ def test_rates_that_do_not_follow_are_told_from_those_that_do() -> None:
     assert following is not None
     assert lost is not None
     assert "Every axis follows" in following.sentence
-    assert "Pitch misses by as much" in lost.sentence
+    assert "Pitch misses the set-points by as much" in lost.sentence
 
 
 @pytest.mark.parametrize(("missed", "normal"), [(0.6, True), (0.8, False)])

@@ -128,7 +128,7 @@ def test_a_flight_that_cannot_tell_says_so_and_keeps_what_was_assumed() -> None:
     known = curve(found("single-axis", VEHICLE))
     assert not known.identifiable
     assert not known.corrected
-    assert "not flown" in known.reason
+    assert "which is too little" in known.reason
     assert known.expo == known.assumed
     assert known.ci95[0] < 0.3
     assert known.ci95[1] > 0.8

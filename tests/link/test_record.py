@@ -176,7 +176,7 @@ def test_a_stop_that_nobody_confirms_is_said(tmp_path: Path, monkeypatch: pytest
         (FakeLogger(LOGS[FRAMES], FRAMES, refuses=True), "refuses to stream"),
         (FakeLogger(LOGS[FRAMES], FRAMES, armed=True), "before arming"),
         (FakeLogger(LOGS[BLOCKS], BLOCKS, backend=1.0), "LOG_BACKEND_TYPE is 1.*Set it to 3"),
-        (FakeLogger(LOGS[BLOCKS], 8), "streams no log"),
+        (FakeLogger(LOGS[BLOCKS], 8), "cannot stream its log"),
     ],
 )
 def test_what_cannot_be_recorded_is_said_at_once(

@@ -101,13 +101,13 @@ def test_the_first_screen_has_verdict_model_and_next_step(usable_page: Page) -> 
     places = [
         text.index(words)
         for words in (
-            "The model can be used, with the caveats named below.",
+            "The model can be used with caution: see the caveats below.",
             "With caution: the torque was clipped",
             "What to do next",
             "Fly gentler yaw",
             "Validation data: measured and predicted rates",
-            "B: what each torque does",
-            "A: what the motion itself does",
+            "B: effect of each torque",
+            "A: effect of the motion itself",
             "The log",
         )
     ]

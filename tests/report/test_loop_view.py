@@ -54,14 +54,14 @@ def sentence(result: Result, margins: Margins) -> str:
 def test_a_pilot_reads_how_far_the_vehicle_is_from_oscillating(usable: Result) -> None:
     """Degrees, decibels, and what they are in gain and at which frequency."""
     assert sentence(usable, POOR) == (
-        "Roll: 17 degrees and 2.5 dB from instability; a 34 % higher gain (lighter vehicle, fuller battery) "
-        "would oscillate at about 24 Hz."
+        "Roll: 17 degrees and 2.5 dB from instability; with a 34 % higher gain (lighter vehicle, fuller "
+        "battery) it would oscillate at about 24 Hz."
     )
 
 
 def test_an_extrapolated_margin_is_told_by_its_lower_end(usable: Result) -> None:
     text = sentence(usable, replace(POOR, extrapolated=True))
-    assert text.endswith("(extrapolated: it may be as little as 15 degrees and 2.2 dB).")
+    assert text.endswith("(extrapolated: the margins may be as small as 15 degrees and 2.2 dB).")
 
 
 def test_an_extrapolated_margin_whose_lower_end_reads_the_same_contradicts_nothing(usable: Result) -> None:
@@ -75,7 +75,7 @@ def test_an_extrapolated_margin_whose_lower_end_reads_the_same_contradicts_nothi
 def test_no_battery_is_blamed_for_ten_times_the_gain(usable: Result) -> None:
     """A lighter vehicle has a few per cent more."""
     text = sentence(usable, replace(POOR, gain_margin_db=figure(20.0, 19.0, 21.0)))
-    assert "10 times the gain would oscillate" in text
+    assert "with 10 times the gain it would oscillate" in text
     assert "battery" not in text
 
 
@@ -149,7 +149,7 @@ MOVED = notches_named("INS_HNTCH", tuple((Notch(hz, 0.5, 0.01),) for hz in (90.0
 
 def test_every_filter_has_its_row_and_the_gyros_path_one_more(usable: Result) -> None:
     (table,) = loop_view(with_filters(usable, MOVED, LOW_PASS)).filters
-    assert [row[0].text for row in table.rows] == ["INS_HNTCH", "INS_GYRO_FILTER", "all of the gyro's path"]
+    assert [row[0].text for row in table.rows] == ["INS_HNTCH", "INS_GYRO_FILTER", "whole path of the gyro"]
 
 
 def test_a_notch_that_moved_says_where_it_stood(usable: Result) -> None:

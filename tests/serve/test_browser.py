@@ -175,7 +175,7 @@ def test_the_history_of_a_vehicle_opens(session: Session) -> None:
     browser.click("#vehicles a[href^='/vehicles/']")
     browser.wait("location.pathname.startsWith('/vehicles/')")
     text = browser.run("document.body.innerText")
-    assert "A change is reported only where" in text
+    assert "A change is reported only if" in text
     assert NAME in text
     assert browser.problems == []
 

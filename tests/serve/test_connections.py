@@ -198,7 +198,7 @@ def test_an_upload_beside_too_many_is_told_when_to_come_again(
     monkeypatch.setattr(upload_module, "_MOST_AT_ONCE", 0)
     status, headers, body = put(listening, 900_000)
     assert (status, int(headers["retry-after"]) > 0) == (503, True)
-    assert json.loads(body)["error"] == "Too many uploads at once; try again."
+    assert json.loads(body)["error"] == "Too many uploads at once. Try again."
 
 
 def test_an_upload_without_the_cookie_of_this_server_gets_its_reason(listening: Listening) -> None:

@@ -59,24 +59,30 @@ class ArduPilotAdvice(Advice):
 
     remedies = MappingProxyType(
         {
-            "QL104": "Update the firmware to 4.0 or later, which stamps its rows and logs the rate "
-            "controller's output. An 8-bit APM board cannot: it stays at 3.2, which does not log it.",
-            "QL307": "Log RATE, RCOU and MOTB with a current firmware to get the torque that was achieved.",
-            "QL620": "Log what the notch of INS_HNTCH_MODE (INS_HNTC2_MODE) follows: ESC for 3, RPM for 2 "
-            "and 5, FTN1 for 4 (FTN2 with several sources); or fly once with mode 1, the throttle.",
-            "QL310": "Check AHRS_ORIENTATION, and in the PM messages whether the main loop keeps up.",
+            "QL104": (
+                "Update the firmware to 4.0 or later: it stamps its rows and logs the rate controller's "
+                "output. An 8-bit APM board cannot run it: its last firmware, 3.2, does not log that "
+                "output."
+            ),
+            "QL307": "For the achieved torque, log RATE, RCOU and MOTB with a current firmware.",
+            "QL620": (
+                "Log what the notch of INS_HNTCH_MODE (INS_HNTC2_MODE) follows: ESC for mode 3, RPM for "
+                "modes 2 and 5, FTN1 for mode 4 (FTN2 with several sources). Or fly once with mode 1, the "
+                "throttle."
+            ),
+            "QL310": "Check AHRS_ORIENTATION. Check in the PM messages whether the main loop keeps up.",
         }
     )
     excitation_parameters = ("SID_AXIS", "SID_MAGNITUDE", "SID_F_START_HZ", "SID_F_STOP_HZ")
     logging_settings = (("LOG_BITMASK", float(_DEFAULT_LOG_BITMASK | _ATTITUDE_FAST)),)
     logging_bits = MappingProxyType({"LOG_BITMASK": _ATTITUDE_FAST})
     unknown_mask_note = (
-        f"bit 0, ATTITUDE_FAST, added to the default; where yours is not {_DEFAULT_LOG_BITMASK}, do not load "
-        "the file: add bit 0 to yours"
+        f"the default with bit 0 (ATTITUDE_FAST) added; if your value is not {_DEFAULT_LOG_BITMASK}, do not "
+        "load the file, but add bit 0 to your value"
     )
     live_note = (
-        "LOG_BACKEND_TYPE = 3 (card and MAVLink; live.param; restart the vehicle; live-back.param is the way "
-        "back), and a link of about 130 kB/s, as USB or Wi-Fi"
+        "set LOG_BACKEND_TYPE = 3 (card and MAVLink) with live.param, and restart the vehicle; use a link "
+        "of about 130 kB/s, such as USB or Wi-Fi; live-back.param is the way back"
     )
     # The calibrations of sensors and sticks, what is learned in flight, and the counters.
     not_set_by_hand = (
@@ -104,30 +110,32 @@ class ArduPilotAdvice(Advice):
             return f"{limit} Then {keep} bit 0 of LOG_BITMASK (ATTITUDE_FAST) and fly again."
         if is_set:
             return (
-                f"LOG_BITMASK is {mask}: bit 0 (ATTITUDE_FAST) is set, and RATE is logged at the loop rate. "
-                "Where its rows are missing, the card did not keep up: use a faster one, or log fewer "
+                f"LOG_BITMASK is {mask}, so bit 0 (ATTITUDE_FAST) is set and RATE is logged at the loop "
+                "rate. If rows are missing, the card did not keep up: use a faster one, or log fewer "
                 "message types."
             )
         loop = parameters.get("SCHED_LOOP_RATE", _LOOP_RATE_HZ)
-        aim = f"so that RATE is logged at the loop rate ({loop:g} Hz), and fly again."
+        aim = f"to log RATE at the loop rate ({loop:g} Hz). Then fly again."
         if mask < 0 or own_bits(mask) is None:
             return f"Set bit 0 of LOG_BITMASK (ATTITUDE_FAST) in the ground station's list of bits, {aim}"
         known = "LOG_BITMASK" in parameters
         what = (
-            "adds bit 0, ATTITUDE_FAST" if known else "the default and bit 0, ATTITUDE_FAST: keep other bits"
+            "bit 0, ATTITUDE_FAST, added"
+            if known
+            else "the default with bit 0, ATTITUDE_FAST, added: keep other bits"
         )
-        return f"Set LOG_BITMASK to {mask | _ATTITUDE_FAST} ({what}), {aim}"
+        return f"Set LOG_BITMASK to {mask | _ATTITUDE_FAST} ({what}) {aim}"
 
     def live_files(self, parameters: Mapping[str, float]) -> dict[str, str]:
         """Return LOG_BACKEND_TYPE with the card and MAVLink; see `Advice.live_files`."""
         flown = whole_number(parameters.get(_BACKEND), _CARD)
         return {
             f"live{self.parameter_suffix}": self.parameter_text(
-                "Log to the card and to MAVLink, to watch the flight; restart afterwards",
+                "Log to the card and to MAVLink, to watch the flight; restart the vehicle afterwards",
                 ((_BACKEND, float(flown | _CARD | _MAVLINK)),),
             ),
             f"live-back{self.parameter_suffix}": self.parameter_text(
-                "Log as before, or to the card alone where the vehicle's own was not known",
+                "Log as before, or to the card alone if the earlier setting was not known",
                 ((_BACKEND, float(flown)),),
             ),
         }
@@ -140,8 +148,8 @@ class ArduPilotAdvice(Advice):
         wanted = ("--axes", ",".join(axes), "-o", "plan", "--like", LOG)
         plan_command = command("plan", "--autopilot", "ardupilot", *wanted)
         return (
-            f"{by_stick} Or let ArduCopter's System ID mode{'' if version else ' (4.0 and later)'} sweep the "
-            f"axes: `{plan_command}` writes what to set, and what to read back before the flight."
+            f"{by_stick} Or let ArduCopter's System ID mode{'' if version else ' (4.0 and later)'} sweep "
+            f"the axes. `{plan_command}` writes what to set, and what to read back before the flight."
         )
 
     def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:
@@ -174,7 +182,10 @@ class ArduPilotAdvice(Advice):
 
     def sweep_comment(self, axis: str) -> str:
         """Return the first line of the parameter file of an axis' sweep."""
-        return f"Sweep the {axis} axis. Load twice: SID_AXIS shows the others. Check SID_MAGNITUDE"
+        return (
+            f"Sweep the {axis} axis. Load twice: the other SID_ parameters only appear after SID_AXIS is "
+            "set. Check SID_MAGNITUDE"
+        )
 
     def sweep_off(self) -> tuple[Setting, ...]:
         """Return SID_AXIS 0 alone: without an axis the mode does not start, and the others are hidden."""
@@ -225,21 +236,19 @@ class ArduPilotAdvice(Advice):
             return super().steps(axes, sweeps)
         return (
             f"Copy {SCRIPT} into APM/scripts on the card. Set SCR_ENABLE to 1, and RCx_OPTION of a free "
-            f"switch to "
-            f"{SWITCH} (Scripting1). Restart: the ground station shows `excite: ready`.",
-            "Take off, and hover in Stabilize at that height (below 4 m the script does not start). Leave "
-            "the throttle stick where it hovers.",
+            f"switch to {SWITCH} (Scripting1). Restart the autopilot: the ground station then shows "
+            "`excite: ready`.",
+            "Take off, and hover in Stabilize at that height: the script does not start below 4 m. Leave "
+            "the throttle stick where the vehicle hovers.",
             f"Turn the switch on. The script sweeps {listed(axes)} in one flight, for "
-            f"{sum(each['record_s'] + _SCRIPT_REST_S for each in sweeps.values()):.0f} s. Hold the place "
-            f"with small "
-            "stick moves.",
-            "Turn the switch off, or change the mode, to end it at any time. It ends by itself when the "
-            "vehicle tilts "
-            "by more than 30 degrees, when height, battery or radio are not as they should be, and when "
-            "it is done.",
-            "Wait for `excite: parameters are as they were`, and land. A restart brings every parameter "
-            "back, too.",
-            "Set SCR_ENABLE back, and take the script off the card.",
+            f"{sum(each['record_s'] + _SCRIPT_REST_S for each in sweeps.values()):.0f} s. Hold position "
+            "with small stick inputs.",
+            "To end it at any time, turn the switch off or change the mode. The script ends by itself when "
+            "it is done. It also ends if the vehicle tilts by more than 30 degrees, or if height, battery "
+            "or radio leave their limits.",
+            "Wait for `excite: parameters are as they were`, and land. A restart also restores every "
+            "parameter.",
+            "Set SCR_ENABLE back to its earlier value, and remove the script from the card.",
         )
 
     def steps_by_hand(
@@ -250,12 +259,12 @@ class ArduPilotAdvice(Advice):
             return ()
         return (
             "Put System ID (mode 25) on a switch together with AltHold or Stabilize.",
-            "SID_MAGNITUDE is a fraction of full motor authority here, and its default of 15 would flip the "
-            "vehicle: never switch to System ID before you have read it back.",
+            "SID_MAGNITUDE is here a fraction of full motor authority, and its default of 15 would flip "
+            "the vehicle. Never switch to System ID before you have read it back.",
             "Load parameter files on the ground, disarmed. During the hover only a second person at the "
             "ground station may load one.",
             *(step for axis in axes for step in _axis_steps(axis, sweeps[axis])),
-            "After the last landing load sweep-off.param, which sets SID_AXIS back to 0.",
+            "After the last landing, load sweep-off.param: it sets SID_AXIS back to 0.",
         )
 
 
@@ -267,13 +276,13 @@ def _axis_steps(axis: str, sweep: Mapping[str, float]) -> tuple[str, ...]:
     """
     name = axis.capitalize()
     return (
-        f"{name}, load: sweep-{axis}.param; refresh the parameters; load the file A SECOND TIME. The "
-        "other SID_ parameters only appear after SID_AXIS is set.",
+        f"{name}, load: load sweep-{axis}.param and refresh the parameters. Load the file A SECOND TIME: "
+        "the other SID_ parameters only appear after SID_AXIS is set.",
         f"{name}, check: READ BACK that SID_AXIS is {_SID_AXIS[axis]} and SID_MAGNITUDE is "
-        f"{sweep['magnitude']:g}. If either is not, do not fly the sweep.",
-        f"{name}, fly: hover in Stabilize, switch to System ID (it flies like Stabilize; leaving it stops "
-        f"the sweep), hold position with small stick inputs for {sweep['record_s']:g} s, switch back when it "
-        "says finished, and land.",
+        f"{sweep['magnitude']:g}. If either differs, do not fly the sweep.",
+        f"{name}, fly: hover in Stabilize and switch to System ID, which flies like Stabilize. Hold "
+        f"position with small stick inputs for {sweep['record_s']:g} s. Switch back when it says finished, "
+        "and land. Leaving the mode stops the sweep at any time.",
     )
 
 
@@ -287,16 +296,19 @@ def _logging_limit(version: Version | None) -> str:
     what = f"logs RATE at {rate_hz:g} Hz at most" if rate_hz else "does not log the rate controller's output"
     # The branch that became 3.4 logged at 50 Hz for its first half.
     early = " (3.4-dev at 50 Hz)" if version == (3, 4) else ""
-    apm = " (an 8-bit APM board cannot: it stays at 3.2, which does not log it)"
+    apm = " (not possible on an 8-bit APM board: its last firmware, 3.2, does not log it)"
     board = apm if version < _NOT_ON_APM_SINCE else ""
     return (
-        f"ArduCopter {_dotted(version)} {what}{early}, whatever LOG_BITMASK is: update the firmware to 4.0 "
+        f"ArduCopter {_dotted(version)} {what}{early}, whatever LOG_BITMASK is. Update the firmware to 4.0 "
         f"or later{board}."
     )
 
 
 def _no_system_id(version: Version | None) -> str:
-    return f"System ID mode, which injects a sweep, needs ArduCopter 4.0; this is {_dotted(version or ())}."
+    return (
+        f"This is ArduCopter {_dotted(version or ())}: the System ID mode, which injects a sweep, needs 4.0 "
+        "or later."
+    )
 
 
 def _dotted(version: Version) -> str:

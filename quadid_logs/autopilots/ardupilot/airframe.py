@@ -24,8 +24,8 @@ _MOVES_US: Final = 20.0
 _SIMULATOR_PARAMETERS: Final = 50
 #: SIM_Motor.cpp.
 _SIMULATED_YAW: Final = (
-    "Flown in ArduPilot's simulator, whose yaw torque is torque_to_thrust_m times thrust times motor "
-    "command (SIM_Motor.cpp); N is computed like that here, unlike for a real propeller."
+    "The flight is from ArduPilot's simulator. Its yaw torque is torque_to_thrust_m times thrust times "
+    "motor command (SIM_Motor.cpp), unlike that of a real propeller. N is computed in the same way."
 )
 
 
@@ -38,9 +38,7 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
     """Read FRAME_CLASS and FRAME_TYPE; FRAME with the number of motors before 3.5."""
     if log.vehicle_type not in (MULTIROTOR, "vtol", "unknown"):
         # A rover has a FRAME_CLASS, too, of which 1 is no quad.
-        return Unknown(
-            remark=f"The frame of {vehicle_words(log.vehicle_type)} has no rotors that are judged."
-        )
+        return Unknown(remark=f"The rotors of {vehicle_words(log.vehicle_type)} are not modelled.")
     prefix = motor_prefix(log.parameters)
     number = log.parameters.get(f"{prefix}FRAME_CLASS")
     if number is not None:
@@ -60,7 +58,7 @@ def _frame(log: FlightLog, key: tuple[int, int], source: str) -> Airframe | Unkn
     try:
         frame = frame_geometry(*key)
     except ShapeError:
-        return Unknown(remark=f"{source} is no frame with fixed rotors of a known table.")
+        return Unknown(remark=f"{source} is not a frame with a known table of fixed rotors.")
     channels, channel_source = _channels(log.parameters, frame.n_rotors)
     simulated = sum(name.startswith("SIM_") for name in log.parameters) >= _SIMULATOR_PARAMETERS
     return Airframe(
@@ -98,7 +96,7 @@ def _old_class(log: FlightLog, frame_type: int) -> tuple[int | None, str]:
     if "six" in words or motors == 6:
         return None, "six motors may be a hexa or a Y6"
     if motors == 4 or "four" in words:
-        return 1, "and four outputs move"
+        return 1, "and four outputs change"
     return None, "the number of motors is unknown"
 
 

@@ -40,12 +40,12 @@ def flight_script(sweeps: Sequence[Mapping[str, object]], multisine: Mapping[str
     """
     values = {"SWITCH": SWITCH, **_LIMITS}
     lines = [
-        "-- excite.lua: sweeps of one flight, made for a plan of sweeps. Copy it into APM/scripts on the "
-        "card, set",
-        f"-- SCR_ENABLE = 1 and RCx_OPTION = {SWITCH} (Scripting1) of a free switch, and restart.",
+        "-- excite.lua: the sweeps of one flight plan. Copy it into APM/scripts on the card, set",
+        f"-- SCR_ENABLE = 1 and RCx_OPTION = {SWITCH} (Scripting1) of a free switch, and restart the "
+        "autopilot.",
         *(f"local {name} = {_lua(value)}" for name, value in values.items()),
-        "-- The multisine moves all axes at once in Guided mode, with rate targets. It is flown where "
-        "this is true.",
+        "-- The multisine moves all axes at once in Guided mode, with rate targets. It is flown if this is "
+        "true.",
         "local FLY_MULTISINE = false",
         f"local SWEEPS = {_lua(list(sweeps))}",
         f"local MULTISINE = {_lua(multisine)}",

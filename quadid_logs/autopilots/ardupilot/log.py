@@ -250,12 +250,13 @@ def _remarks(
         remarks.append("The rows of this log carry no time: firmware before 3.1 did not log it.")
         if clock.is_nominal:
             remarks.append(
-                "Charts take ten rows of CTUN or ATT for a second, as that firmware logged them. "
-                "Nothing is identified from such times."
+                "Charts count ten rows of CTUN or ATT as one second, the rate of that firmware. Nothing is "
+                "identified from such times."
             )
     elif without:
         remarks.append(
-            f"Rows of {', '.join(without)} carry no time; they take that of the row before them in the file."
+            f"Rows of {', '.join(without)} carry no time. They take the time of the row before them in the "
+            "file."
         )
     if rate_scale is not None and not rate_scale.is_stated:
         remarks.append(f"RATE is taken as {rate_scale.unit}: {rate_scale.evidence}.")

@@ -30,8 +30,8 @@ DEGREE: Final = math.pi / 180.0
 #: convert_pid_parameters: "-1 to +1 range instead of -4500 ~ +4500").
 _OLD_COMMAND_SCALE: Final = 4500.0
 _OLD_COMMAND_NOTE: Final = (
-    "divided by 4500, the full scale before firmware 3.4 (whose mixer gave roll and pitch "
-    "0.71 of today's effect on X, V and H quads)"
+    "divided by 4500, the full scale before firmware 3.4 (its mixer gave roll and pitch 0.71 of today's "
+    "effect on X, V and H quads)"
 )
 _NEW_COMMAND_SINCE: Final = (3, 4)
 #: The sum of PID terms is not limited and may reach 5; on the old scale it is hundreds in any flight.
@@ -429,12 +429,12 @@ GYROS: Final = (
 
 SOURCES: Final[tuple[DataFlashSource, ...]] = (
     *(_whole("body_rate", "RATE", age.measured,
-             "the rate controller's own gyro-filtered input, in step with its output", _rate, filtered=True)
+             "the rate controller's filtered input, logged together with its output", _rate, filtered=True)
       for age in _RATE_AGES),
     *GYROS,
     _one("body_rate", "SIDD", ("Gx", "Gy", "Gz"), "system-ID mode: delta angle over time, unfiltered",
          scale=DEGREE, raw=True),
-    _pids("body_rate", "PIDR", ("Act",), "what the rate PIDs were fed with; RATE is missing", _pid_sum),
+    _pids("body_rate", "PIDR", ("Act",), "input of the rate PIDs; RATE is missing", _pid_sum),
     *(_whole("body_rate_setpoint", "RATE", age.target, "the rate controller's target", _rate)
       for age in _RATE_AGES),
     _pids("body_rate_setpoint", "PIDR", ("Tar",), "target of the rate PIDs; RATE is missing", _pid_sum),
@@ -453,8 +453,9 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
     _core("attitude_setpoint", "ATT", _OLD_ASKED_ANGLES, "target of the attitude controller before 3.1"),
     *(_whole("torque_command", "RATE", age.output, "the rate controller's output to the mixer", _command)
       for age in _RATE_AGES),
-    _pids("torque_command", "PIDR", ("P",), "RATE is missing: rebuilt as the sum of the PID terms, without "
-          "chirp or feed-forward added behind the PID", _pid_command, optional=("I", "D", "FF", "DFF")),
+    _pids("torque_command", "PIDR", ("P",),
+          "sum of the PID terms, without chirp or feed-forward added after them; RATE is missing",
+          _pid_command, optional=("I", "D", "FF", "DFF")),
     _one("throttle", "RATE", ("AOut",), "logged with the torque command", _throttle_out),
     _one("throttle", "CTUN", ("ThO",), "output of the throttle controller", _throttle_out),
     _one("throttle", "CTUN", ("ThrOut",), "output of the throttle controller", _throttle_out),
@@ -472,7 +473,7 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
     _one("battery_voltage", "BAT", ("Volt",), "voltage of the first battery", _voltage),
     _one("battery_voltage", "CURR", ("Volt",), "voltage of the first battery", _voltage),
     # A ratio, whatever its unit says.
-    _one("battery_ratio", "MOTB", ("BatVolt",), "filtered voltage over MOT_BAT_VOLT_MAX"),
+    _one("battery_ratio", "MOTB", ("BatVolt",), "filtered voltage divided by MOT_BAT_VOLT_MAX"),
     _one("lift_max", "MOTB", ("LiftMax",), "as the mixer's compensation uses it"),
     _one("throttle_limit", "MOTB", ("ThLimit",), "by spool-up and battery current"),
     _one("throttle_average_max", "MOTB", ("ThrAvMx",), "ATC_THR_MIX_* and MOT_THST_HOVER at work"),
@@ -481,7 +482,7 @@ SOURCES: Final[tuple[DataFlashSource, ...]] = (
     _one("air_density_ratio", "BARO", ("Press", "GndTemp", "Alt"),
          "from pressure and ground temperature as AP_Baro::get_EAS2TAS", _measured_density),
     _whole("armed", "EV", (), "changes of state", _armed, optional=("Id", "ArmState"), joined=("ARM",)),
-    _one("armed", "STAT", ("Armed",), "state that the vehicle repeats"),
+    _one("armed", "STAT", ("Armed",), "state that the vehicle reports again and again"),
     _whole("landed", "EV", (), "changes of state", _landed, optional=("Id",)),
     _one("sysid_chirp", "SIDD", ("Targ",), "chirp of the system-ID mode"),
 )  # fmt: skip

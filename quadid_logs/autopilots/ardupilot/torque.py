@@ -61,8 +61,8 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     if settings is None:
         return Rebuilt(
             remarks=(
-                "No motor thrust can be rebuilt: MOT_SPIN_MIN is not in the log, or the motors' parameters "
-                "make no sense (firmware before 3.4, or no parameters).",
+                "Motor thrust cannot be computed: MOT_SPIN_MIN is missing in the log, or the motor "
+                "parameters make no sense (firmware before 3.4, or no parameters).",
             )
         )
     # The pulse widths in the order of the motors, None where a motor's channel is not logged.
@@ -90,7 +90,7 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
                 _motor_series(vehicle, outputs, actuator, supply),
                 saturated=on_all_axes(at_stop),
                 source=f"{outputs.source} back through the thrust curve",
-                reason="the pulse widths that the motors got: saturation and spin limits are in them",
+                reason="the pulse widths that the motors got, which include saturation and spin limits",
             ),
         )
     return Rebuilt(
@@ -223,8 +223,10 @@ def _mixed(vehicle: _Vehicle, command: _Command, law: _Law) -> MotorSeries:
         saturated=limited,
         flown=vehicle.log.flown(series.time_s, command.throttle),
         source=f"{series.source} through the mixer",
-        reason="what the motors could give of the rate controller's output: yaw headroom, scaling, "
-        "motor limits, battery and air density as the firmware computes them",
+        reason=(
+            "the part of the rate controller's output that the motors could give, with yaw headroom, "
+            "scaling, motor limits, battery and air density as the firmware computes them"
+        ),
     )
 
 
@@ -332,10 +334,10 @@ def _remarks(log: CleanLog, check: MixerCheck | None) -> tuple[str, ...]:
         for name in (f"{prefix}MOT_SLEW_UP_TIME", f"{prefix}MOT_SLEW_DN_TIME")
         if parameters.get(name, 0.0) > 0.0
     ]
-    remarks = [f"{' and '.join(slow)} slow the motors down beyond what is rebuilt here."] if slow else []
+    remarks = [f"{' and '.join(slow)} slow the motors down, which is not modelled."] if slow else []
     if check is not None and check.law is DensityLaw.FITTED:
         remarks.append(
-            "The gain against thin air is not logged in this firmware: fitted to the pulse widths."
+            "This firmware does not log its gain for thin air, so the gain was fitted to the pulse widths."
         )
     return tuple(remarks)
 

@@ -37,7 +37,7 @@ _COMMON_LOOP_US: Final = 250.0
 SLIDERS: Final = "simplified_pids_mode"
 _SLIDER_MODES: Final = ("OFF", "RP", "RPY")
 _LEAVE_UNFILTERED: Final = (
-    "Leave the unfiltered gyro among the logged fields: it shows the delay of all filters."
+    "Keep the unfiltered gyro among the logged fields: it shows the delay of all filters."
 )
 CHIRP, CHIRP_OFF = "chirp.txt", "chirp-off.txt"
 #: flight/pid.c, resetPidProfile: amplitudes in deg/s, added to the rate set-point behind a lead-lag.
@@ -65,8 +65,8 @@ _RANGES: Final = {
     for place, end in enumerate(("min", "max"))
 }
 _PROFILE: Final = (
-    "First choose the PID profile that flew, which no log holds: profile 0 is the first one.",
-    "Paste on the command line, disarmed.",
+    "First choose the PID profile that flew. The log does not name it: profile 0 is the first one.",
+    "Paste this into the command line while disarmed.",
 )
 
 
@@ -75,16 +75,22 @@ class BetaflightAdvice(Advice):
 
     remedies = MappingProxyType(
         {
-            "QL306": "Nothing to do, unless you want linear-9: firmware 2025.12 and later logs the attitude, "
-            "if it is among the logged fields.",
-            "QL401": "Use a log with a flight of at least half a minute; of a file that holds several, info "
-            "lists them and --log N chooses one. If you did fly, fetch the whole file again.",
-            "QL604": "Keep profiles and gains as they are during the flight, without adjustments by a "
-            "switch.",
-            "QL613": "Leave gyro, PID and set-points among the logged fields (blackbox_disable_gyro, "
-            "blackbox_disable_pids and blackbox_disable_setpoint = OFF), and fly once more.",
-            "QL620": f"{_LEAVE_UNFILTERED} Firmware from 3.4 to 4.4 logs it where debug_mode = GYRO_SCALED.",
-            "QL643": "Fly the whole flight in Acro mode, and tune from that.",
+            "QL306": (
+                "For the structure linear-9 only: log the attitude with firmware 2025.12 or later, which "
+                "has it among the logged fields."
+            ),
+            "QL401": (
+                "Use a log with a flight of at least half a minute. If the file holds several logs, "
+                "`quadid-log info LOG` lists them and --log N chooses one. If you did fly, fetch the whole "
+                "file again."
+            ),
+            "QL604": "Keep profiles and gains as they are during the flight: no adjustments by a switch.",
+            "QL613": (
+                "Keep gyro, PID and set-points among the logged fields (blackbox_disable_gyro, "
+                "blackbox_disable_pids and blackbox_disable_setpoint = OFF), and fly once more."
+            ),
+            "QL620": f"{_LEAVE_UNFILTERED} Firmware from 3.4 to 4.4 logs it if debug_mode = GYRO_SCALED.",
+            "QL643": "Fly the whole flight in Acro mode, and tune from that flight.",
             "QL644": "Set blackbox_high_resolution = ON (4.4 and later).",
         }
     )
@@ -100,8 +106,8 @@ class BetaflightAdvice(Advice):
     plans_by_hand = True
     parameter_suffix = ".txt"
     before_setting = (
-        "first run `diff all` on the command line and keep what it prints: pasted again, it brings every "
-        "setting back"
+        "first run `diff all` on the command line and keep what it prints: pasted again, it restores every "
+        "setting"
     )
     gain_loading = "Paste {} into the command line of the configurator"
 
@@ -132,8 +138,8 @@ class BetaflightAdvice(Advice):
         if not named:
             return ""
         return (
-            f"Computed for sticks at rest, without {listed(named)}: in flight the answer to a stick differs. "
-            "The report of `quadid-log analyze` shows the measured one."
+            f"Computed for sticks at rest, without {listed(named)}: the response to a stick in flight "
+            "differs. The report of `quadid-log analyze` shows the measured response."
         )
 
     def _logging(
@@ -163,8 +169,8 @@ class BetaflightAdvice(Advice):
         logged, loop = (f"{1e3 / each:.3g}" for each in (part * period_us, period_us))
         sample_rate = f"blackbox_sample_rate = 1/{part} ({logged} kHz with a PID loop of {loop} kHz)"
         return (
-            f"On the command line set {sample_rate} and blackbox_mode = NORMAL, leave {told} "
-            f"among the logged fields, {speeds}save, and fly again."
+            f"On the command line, set {sample_rate} and blackbox_mode = NORMAL. Keep {told} among the "
+            f"logged fields, {speeds}save, and fly again."
         )
 
     def controller_note(self, version: Version | None) -> str:
@@ -182,9 +188,8 @@ class BetaflightAdvice(Advice):
             return super().excitation(axes, version)
         return (
             "Set debug_mode = CHIRP. In calm air, hover, switch the CHIRP mode on for chirp_time_seconds, "
-            "and off again; do this three times. Each time the firmware moves another axis, until roll, "
-            "pitch and yaw have had their turn. "
-            f"If the build has no CHIRP mode, {self._doublets(axes)}"
+            "and off again. Do this three times: the firmware moves roll, pitch and yaw in turn. If the "
+            f"build has no CHIRP mode, {self._doublets(axes)}"
         )
 
     def excites(self, version: Version | None) -> bool:
@@ -196,10 +201,10 @@ class BetaflightAdvice(Advice):
         """The chirp mode: whether a build has it, nothing tells before the flight."""
         since = ".".join(map(str, _CHIRP_SINCE))
         return (
-            f"A build with CHIRP ({since} or later) can do the doublets' work: paste {CHIRP} on the command "
-            "line, and switch the CHIRP mode on six times for chirp_time_seconds, with a pause between. The "
-            "firmware moves roll, pitch and yaw in turn, so that each is moved twice in one log. Afterwards "
-            f"paste {CHIRP_OFF}."
+            f"With a build that has CHIRP ({since} or later), the firmware can replace the doublets. Paste "
+            f"{CHIRP} on the command line. Switch the CHIRP mode on six times for chirp_time_seconds, with "
+            "a pause between. The firmware moves roll, pitch and yaw in turn, each twice in one log. "
+            f"Afterwards paste {CHIRP_OFF}."
         )
 
     def excitation_files(
@@ -226,9 +231,9 @@ class BetaflightAdvice(Advice):
         }
         before = {name: parameters.get(name, _CHIRP_DEFAULTS[name]) for name in wanted}
         return {
-            CHIRP: command_line("All axes by the CHIRP mode, twice", wanted.items(), "debug_mode = CHIRP"),
+            CHIRP: command_line("The CHIRP mode moves all axes, twice", wanted.items(), "debug_mode = CHIRP"),
             CHIRP_OFF: command_line(
-                "The chirp as it was, or as it is by default", before.items(), "debug_mode = NONE"
+                "The chirp settings as they were, or the defaults", before.items(), "debug_mode = NONE"
             ),
         }
 
@@ -263,7 +268,9 @@ class BetaflightAdvice(Advice):
                 sliders[slider] = whole_number(parameters.get(slider))
         used = {name: mode for name, mode in sliders.items() if 0 < mode < len(_SLIDER_MODES)}
         if not back:
-            return tuple(("sliders would set these values anew", name, _SLIDER_MODES[0]) for name in used)
+            return tuple(
+                ("the sliders would overwrite these values", name, _SLIDER_MODES[0]) for name in used
+            )
         return tuple(
             ("as flown", name, _SLIDER_MODES[mode] if name == SLIDERS else "ON")
             for name, mode in used.items()

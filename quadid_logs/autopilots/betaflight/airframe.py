@@ -42,8 +42,8 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
         return Unknown(remark="The log holds too few PID sums and motor outputs to identify the frame.")
     if log.parameters.get("use_integrated_yaw", 0.0) > 0.0:
         return _as_they_are(
-            "The mixer's yaw is the integral of the logged yaw sum (use_integrated_yaw): what this log tells "
-            "of yaw is no answer to a torque."
+            "With use_integrated_yaw, the mixer integrates the logged yaw sum. This log therefore holds no "
+            "yaw torque to identify yaw from."
         )
     # Frames of the table, rotors either way round, the one first that slopes (3, n_motors) are nearest to.
     matches = [
@@ -55,12 +55,12 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
     off, frame, direction = min(matches, key=itemgetter(0), default=(math.inf, FRAMES[0], 1.0))
     if not off < _OFF:
         return _as_they_are(
-            f"The {n_motors} motors do not follow the PID sums as those of a frame in Betaflight's motor "
-            "table do: a custom mixer, or an order of its own."
+            f"The {n_motors} motors do not follow the PID sums like any frame in Betaflight's motor table. "
+            "The mixer or the motor order is a custom one."
         )
     if frame.unread:
         return _as_they_are(
-            f"The motors follow the PID sums as those of a {frame.name} do, and {frame.unread}."
+            f"The motors follow the PID sums like those of a {frame.name}, and {frame.unread}."
         )
     mix = frame.mixer * [1.0, 1.0, direction]
     return Airframe(
@@ -69,13 +69,13 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
         factors=np.column_stack([mix, np.ones(len(mix))]),
         position=frame.position,
         spin=np.sign(mix[:, 2]),
-        remarks=("The arms are those of a symmetric frame: no header holds them.",),
+        remarks=("The log does not hold the arms: those of a symmetric frame are assumed.",),
     )
 
 
 def _as_they_are(why: str) -> Unknown:
     """Say that the torque is the one commanded."""
-    return Unknown(remark=f"{why} So the PID sums are taken as they are.")
+    return Unknown(remark=f"{why} The PID sums are therefore taken as they are.")
 
 
 def _off(slopes: FloatArray, mixer: FloatArray) -> float:

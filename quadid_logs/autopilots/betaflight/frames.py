@@ -50,9 +50,9 @@ def _frame(name: str, *rows: tuple[float, float, float], unread: str = "") -> Fr
     return Frame(name, mixer, position / longest, unread)
 
 
-_V_TAIL: Final = "its rear rotors lean, so that their thrust turns it too"
-_Y4: Final = "its front rotors turn it by their drag, which the mixer leaves out"
-_H_FRAME: Final = "the arms of its middle rotors, which the mixer leaves out, are in no table"
+_V_TAIL: Final = "its rear rotors lean, so their thrust also yaws it"
+_Y4: Final = "the drag of its front rotors yaws it, which the mixer leaves out"
+_H_FRAME: Final = "no table holds the arms of its middle rotors, which the mixer leaves out"
 
 FRAMES: Final[tuple[Frame, ...]] = (
     _frame("quad X", (-1, 1, -1), (-1, -1, 1), (1, 1, 1), (1, -1, -1)),
@@ -79,7 +79,7 @@ FRAMES: Final[tuple[Frame, ...]] = (
 
 #: What flies with so few motors, and what turns it instead.
 FEW_MOTORS: Final = {
-    1: "an aeroplane, a flying wing or a helicopter, which control surfaces or a swash plate turn",
-    2: "an aeroplane or a bicopter, which servos turn",
-    3: "a tricopter, which a servo that tilts its rear rotor yaws",
+    1: "an aeroplane, a flying wing or a helicopter, turned by control surfaces or a swash plate",
+    2: "an aeroplane or a bicopter, turned by servos",
+    3: "a tricopter, yawed by a servo that tilts its rear rotor",
 }

@@ -44,7 +44,7 @@ def tunable(
         )
     return Tunable(
         axes=axes,
-        obstacle="flown with a curve of throttle attenuation that is not modelled (tpa_curve_type)"
+        obstacle="flown with a throttle attenuation curve that is not modelled (tpa_curve_type)"
         if curved
         else "",
     )

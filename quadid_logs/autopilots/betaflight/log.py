@@ -33,7 +33,7 @@ from quadid_logs.vocabulary import AXES, MULTIROTOR
 
 _KNOWN: Final = ("Betaflight", "Cleanflight", "INAV")
 _OTHERS: Final = {
-    "Rotorflight": "It flies helicopters, whose torque is not made by the thrusts of motors.",
+    "Rotorflight": "That firmware flies helicopters: their torque does not come from motor thrusts.",
 }
 _KINDS: Final = {"I": "main", "S": "slow", "H": "GPS home", "G": "GPS"}
 _WORD: Final = 1 << 32
@@ -73,8 +73,8 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
     main = content.tables["I"]
     if not len(main.position):
         raise EmptyLogError(
-            f"{path} begins as a Blackbox log, but holds no frame that can be read.",
-            hint="The copter was disarmed at once, or the file is cut off; choose another log.",
+            f"{path} begins like a Blackbox log, but holds no readable frame.",
+            hint="The vehicle was disarmed at once, or the file is cut off. Choose another log.",
         )
     firmware = firmware_of(header.texts)
     settings = dialect.settings(settings_of(header.texts), firmware.version)
@@ -103,11 +103,13 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
     signals = _signals(dialect, content, settings, rows, facts)
     remarks = []
     if len(content.starts) > 1:
-        remarks.append(f"The file holds {len(content.starts)} logs; this is log {content.number}.")
+        remarks.append(f"The file holds {len(content.starts)} logs. This is log {content.number}.")
     if system:
-        remarks.append("A Blackbox log holds one vehicle: the chosen system was not needed.")
+        remarks.append("A Blackbox log holds one vehicle, so --system has no effect.")
     if not facts.has_set_points and facts.levels.any():
-        remarks.append("In angle and horizon mode the sticks ask for angles: set-points are not known there.")
+        remarks.append(
+            "In angle and horizon mode the sticks command angles: rate set-points are not known there."
+        )
     return FlightLog(
         path=str(path),
         format="blackbox",
@@ -144,12 +146,14 @@ def _refuse_others(path: str | Path, dialect: Dialect, texts: Mapping[str, str])
     if not name:
         raise UnknownFormatError(
             f"{path} is a Blackbox log whose header names no firmware.",
-            hint="If the file was cut off, fetch it again from the vehicle. Otherwise export it to a table "
-            "in SI units.",
+            hint=(
+                "If the file was cut off, fetch it again from the vehicle. Otherwise export a table in SI "
+                "units."
+            ),
         )
-    hint = _OTHERS.get(name, "Its fields may have other scales and signs: export a table in SI units.")
+    hint = _OTHERS.get(name, "Its fields may have other scales and signs. Export a table in SI units.")
     if name in _KNOWN:
-        hint = "The first log of the file is of other firmware: split the file."
+        hint = "The first log of the file is from another firmware. Split the file."
     raise UnknownFormatError(f"{path} is a Blackbox log of {name}, not of {dialect.name}.", hint=hint)
 
 

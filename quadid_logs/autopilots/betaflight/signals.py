@@ -224,9 +224,9 @@ def _by_sticks(part: _Part, source: _Row) -> Built | None:
         return None
     if facts.sticks is not None:
         found = facts.sticks.set_points(command * facts.rate, part.rows.time_s)
-        note = "by the rates of the header"
+        note = "by the stick rates in the header"
     elif facts.straight is not None:
-        found, note = command * facts.straight, "scaled by what the terms P are made of"
+        found, note = command * facts.straight, "scaled by what the P terms consist of"
     else:
         return None
     found *= _DEGREE * TO_FRD
@@ -383,20 +383,21 @@ SOURCES: Final[tuple[Source[_Part], ...]] = (
            label="debug[0..2]", raw=True),
     Source("body_rate_setpoint", "main", _axes("setpoint"), "the rate controller's set-point", _set_points,
            label="setpoint"),
-    Source("body_rate_setpoint", "main", _axes(STICK), "what the sticks ask for", _by_sticks,
+    Source("body_rate_setpoint", "main", _axes(STICK), "the sticks' command", _by_sticks,
            label=STICK),
-    Source("stick", "main", _axes(STICK)[:2], "what the sticks ask for in modes of angles", _angle_sticks,
+    Source("stick", "main", _axes(STICK)[:2], "the sticks' command in angle modes", _angle_sticks,
            label="rcCommand[0..1]"),
     Source("sysid_chirp", "main", _DEBUG, "excitation of the chirp mode", _chirp, label="debug[0..3]"),
     Source("attitude", "main", _axes("imuQuaternion"), "the estimator's attitude", _attitude,
            label="imuQuaternion"),
-    Source("torque_command", "main", _axes("axisP"), "the rate controller's output, limited as by the mixer",
+    Source("torque_command", "main", _axes("axisP"),
+           "the rate controller's output, limited like in the mixer",
            _pid_sums, label="axisP+I+D+F",
            optional=tuple(field for term in "IDFS" for field in _axes(f"axis{term}"))),
     Source("throttle", "main", ("setpoint[3]",), "throttle before the mixer", _columns,
            scale=PID_SCALE),
     Source("throttle", "main", ("rcCommand[3]",), "throttle of the stick", _throttle),
-    Source("motor_thrust", "main", ("motor",), "what each motor was sent, from idle to full", _motors),
+    Source("motor_thrust", "main", ("motor",), "the command of each motor, from idle to full", _motors),
     Source("rotor_speed", "main", ("eRPM",), "reported by the ESCs (bidirectional DShot)", _rotor_speed),
     Source("specific_force", "main", _axes("accSmooth"), "the accelerometer, filtered", _acceleration,
            label="accSmooth"),

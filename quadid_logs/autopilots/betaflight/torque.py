@@ -72,7 +72,9 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
     mixed = unmixed(np.clip(motors.values / highest, 0.0, 1.0), throttle.at(motors.time_s), airframe, log.log)
     scale = _scale(rotors, output, (commanded, mixed), flown & ~at_stop, airframe, motors.period_s)
     if scale is None:
-        return Rebuilt(remarks=("The outputs do not follow the PID sums, so the torque is as commanded.",))
+        return Rebuilt(
+            remarks=("The outputs do not follow the PID sums, so the torque is taken as it was commanded.",)
+        )
     thrust = rotors.thrust(output)
     per_thrust = airframe.command_per_thrust * scale.per_thrust[:, np.newaxis]
     series = MotorSeries(
@@ -84,7 +86,7 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
         saturated=at_stop[:, np.newaxis] & (np.abs(mixed - commanded) > _LIMITED),
         flown=flown,
         source=f"{motors.source} through the thrust curve",
-        reason="what the motors were sent, in units of the PID sums: saturation is in it",
+        reason="the motor commands in units of the PID sums, which include saturation",
         achieved=True,
         by_expo=relative_by_expo(output * rotors.supply, rotors.expo),
         per_thrust=per_thrust,

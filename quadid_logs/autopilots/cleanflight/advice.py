@@ -14,10 +14,15 @@ class CleanflightAdvice(Advice):
     hover_mode = "Angle or Acro mode"
     remedies = MappingProxyType(
         {
-            "QL321": "Fly in Acro mode: Cleanflight logs no rate set-points, and only there they follow from "
-            "the sticks.",
-            "QL401": "Use a log with a flight of at least half a minute; of a file that holds several, info "
-            "lists them and --log N chooses one. If you did fly, fetch the whole file again.",
+            "QL321": (
+                "Fly in Acro mode. Cleanflight logs no rate set-points, and they follow from the sticks in "
+                "Acro mode only."
+            ),
+            "QL401": (
+                "Use a log with a flight of at least half a minute. If the file holds several logs, "
+                "`quadid-log info LOG` lists them and --log N chooses one. If you did fly, fetch the whole "
+                "file again."
+            ),
         }
     )
 

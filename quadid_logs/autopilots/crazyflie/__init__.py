@@ -34,7 +34,7 @@ class Crazyflie(Autopilot):
         from quadid_logs.actuation.airframe import Unknown
 
         return Unknown(
-            remark="The log does not say which motors and propellers flew: its torque is a command."
+            remark="The log does not say which motors and propellers flew, so its torque is a command."
         )
 
     def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:  # noqa: ARG002

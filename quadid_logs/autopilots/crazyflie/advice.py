@@ -101,15 +101,17 @@ class CrazyflieAdvice(Advice):
 
     remedies = MappingProxyType(
         {
-            "QL510": "Nothing to do: the controller commands counts, or newton metres of the motors and "
-            "propellers that its firmware assumes. With mass_kg in --vehicle FILE.toml its thrust is held "
-            "against the weight.",
-            "QL309": "Nothing to do: the torque command is used as it is.",
+            "QL510": (
+                "Give mass_kg in --vehicle FILE.toml: the commanded thrust is then compared with the "
+                "weight. The controller commands counts, or newton metres of the motors and propellers "
+                "that its firmware assumes."
+            ),
+            "QL309": "Use the model per unit of command: the torque command is taken as it is.",
         }
     )
     room = (
-        "Choose a room with positioning (Flow deck, Lighthouse or motion capture), 1.5 m free to all sides, "
-        "and a full battery."
+        "Choose a room with positioning (Flow deck, Lighthouse or motion capture) and 1.5 m of free space "
+        "on all sides. Use a full battery."
     )
 
     def _logging(
@@ -120,16 +122,16 @@ class CrazyflieAdvice(Advice):
     ) -> str:
         """Say what to put on the card."""
         return (
-            f"Put {CONFIG} of `quadid-log plan --autopilot crazyflie -o DIR` on the card of the deck: "
-            "it logs commands, set-points, gyro and attitude of the PID controller at 250 Hz. For another "
-            "controller log its own group instead (ctrlMel, ctrlINDI, ctrlLee)."
+            f"Put {CONFIG} of `quadid-log plan --autopilot crazyflie -o DIR` on the card of the deck. It "
+            "logs commands, set-points, gyro and attitude of the PID controller at 250 Hz. For another "
+            "controller, log its own group instead (ctrlMel, ctrlINDI, ctrlLee)."
         )
 
     def excitation(self, axes: Sequence[str], version: Version | None) -> str:  # noqa: ARG002
         """Say which script flies it."""
         return (
             f"Fly {SCRIPT} of `quadid-log plan --autopilot crazyflie -o DIR`: it makes quick {listed(axes)} "
-            "doublets. Logs of several short flights are pooled with --pool."
+            "doublets. Pool the logs of several short flights with --pool."
         )
 
     def whole_files(self, axes: Sequence[str]) -> dict[str, str]:
@@ -143,9 +145,9 @@ class CrazyflieAdvice(Advice):
             raise NotImplementedError
         return (
             f"Copy {CONFIG} into the top folder of the card, and put the card into the deck.",
-            f"Run `python {SCRIPT} URI`: it takes off to 1 m, flies ten doublets of {listed(axes)}, lands, "
-            "and ends the log. Ctrl-C lands at once.",
-            "Where the battery does not last, change it and run the script again: every run is a log.",
+            f"Run `python {SCRIPT} URI`: it takes off to 1 m, flies ten doublets on {listed(axes)}, lands, "
+            "and ends the log. Press Ctrl-C to land at once.",
+            "If the battery does not last, change it and run the script again. Every run makes a log.",
         )
 
 

@@ -44,11 +44,11 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     remarks = []
     flown = controllers_of(list(content.tables.values()))
     if flown:
-        remarks.append(f"By the variables that move, the {' and the '.join(flown)} controller flew.")
+        remarks.append(f"The {' and the '.join(flown)} controller flew: its variables change in flight.")
     else:
-        remarks.append("No variable of a controller was logged that shows which one flew.")
+        remarks.append("The log does not show which controller flew.")
     if system:
-        remarks.append("A micro-SD log holds one vehicle: the chosen system was not needed.")
+        remarks.append("A micro-SD log holds one vehicle, so --system has no effect.")
     return FlightLog(
         path=str(path),
         format="usd",

@@ -161,8 +161,8 @@ def _of(group: str, names: str) -> tuple[str, ...]:
     return tuple(f"{group}.{name}" for name in names.split())
 
 
-_TRAJECTORY: Final = "the velocity of the reference trajectory, which no motion of the vehicle changes"
-_OWN = "what the {} controller works with"
+_TRAJECTORY: Final = "the velocity of the reference trajectory, which does not depend on the vehicle's motion"
+_OWN = "input of the {} controller"
 _OUT = "the {} controller's output, counts of 65535"
 _LEE_TORQUE: Final = (
     "the Lee controller's output, in newton metres of the motors and propellers that the firmware assumes"
@@ -179,19 +179,20 @@ SOURCES: Final[tuple[Source[EventPart], ...]] = (
            _command_yaw_left, filtered=True),
     Source("body_rate", ANY_EVENT, _of("ctrlMel", "r_roll r_pitch r_yaw"), _OWN.format("Mellinger"),
            _command_yaw_left, filtered=True),
-    Source("body_rate", ANY_EVENT, _of("gyro", "x y z"), "the gyro behind its filter", _flu, _DEGREE,
+    Source("body_rate", ANY_EVENT, _of("gyro", "x y z"), "the filtered gyro", _flu, _DEGREE,
            filtered=True),
     Source("body_rate", ANY_EVENT, _of("stateEstimateZ", "rateRoll ratePitch rateYaw"),
-           "the gyro behind its filter, in whole mrad/s", _yaw_left, 1e-3, filtered=True),
+           "the filtered gyro, in whole mrad/s", _yaw_left, 1e-3, filtered=True),
     Source("body_rate_setpoint", ANY_EVENT, _of("ctrlLee", "omegarx omegary omegarz"),
-           "the rates that the Lee controller asks of itself", _command_flu),
+           "the Lee controller's own rate set-point", _command_flu),
     Source("body_rate_setpoint", ANY_EVENT, _of("controller", "rollRate pitchRate yawRate"),
            "the rate controller's set-point", _command_yaw_left, _DEGREE),
     Source("reference_rate", ANY_EVENT, _of("ctrltarget", "vx vy"), _TRAJECTORY, _reference_rates),
     Source("reference_rate", ANY_EVENT, _of("ctrltargetZ", "vx vy"), _TRAJECTORY, _reference_rates, 1e-3),
     Source("attitude", ANY_EVENT, _of("ctrlLee", "rpyx rpyy rpyz"), _OWN.format("Lee"), _command_flu),
     Source("attitude", ANY_EVENT, _of("stateEstimate", "qw qx qy qz"), "the estimator's attitude", _attitude),
-    Source("attitude", ANY_EVENT, _of("stateEstimateZ", "quat"), "the estimator's attitude in 32 bits",
+    Source("attitude", ANY_EVENT, _of("stateEstimateZ", "quat"),
+           "the estimator's attitude, packed in 32 bits",
            _compressed),
     Source("attitude", ANY_EVENT, _of("stabilizer", "roll pitch yaw"), "the estimator's attitude",
            _yaw_left, _DEGREE),
@@ -209,7 +210,7 @@ SOURCES: Final[tuple[Source[EventPart], ...]] = (
     Source("torque_command", ANY_EVENT, _of("ctrlINDI", "cmd_roll cmd_pitch cmd_yaw"), _OUT.format("INDI"),
            _command, 1.0 / _FULL),
     Source("torque_command", ANY_EVENT, _of("motor", "m1 m2 m3 m4"),
-           "the motors' duty cycles back through the mixer, counts of 65535; saturation is in it", _unmixed,
+           "the motors' duty cycles back through the mixer, counts of 65535, with saturation", _unmixed,
            1.0 / _FULL),
     Source("thrust_n", ANY_EVENT, _of("ctrlLee", "thrustSi"), _THRUST, _command),
     Source("thrust_n", ANY_EVENT, _of("ctrlLee", "thrustSI"), _THRUST, _command),
@@ -222,13 +223,13 @@ SOURCES: Final[tuple[Source[EventPart], ...]] = (
     Source("rotor_speed", ANY_EVENT, _of("rpm", "m1 m2 m3 m4"), "speeds by the RPM deck", scale=RPM),
     Source("rotor_speed", ANY_EVENT, _of("motor", "m1_rpm m2_rpm m3_rpm m4_rpm"),
            "speeds by the motors' controllers", scale=RPM),
-    Source("specific_force", ANY_EVENT, _of("acc", "x y z"), "accelerometer behind its filter", _flu,
+    Source("specific_force", ANY_EVENT, _of("acc", "x y z"), "the filtered accelerometer", _flu,
            GRAVITY_M_S2),
     Source("battery_voltage", ANY_EVENT, _of("pm", "vbat"), "voltage of the battery"),
     Source("battery_voltage", ANY_EVENT, _of("pm", "vbatMV"), "voltage of the battery in mV", scale=1e-3),
     Source("armed", ANY_EVENT, _of("supervisor", "info"), "the supervisor's state", _bit(_IS_ARMED)),
     Source("landed", ANY_EVENT, _of("supervisor", "info"), "the supervisor's state",
            _is_not(_bit(_IS_FLYING))),
-    Source("landed", ANY_EVENT, _of("sys", "isFlying"), "whether the firmware thinks that it flies",
+    Source("landed", ANY_EVENT, _of("sys", "isFlying"), "the firmware's own flag for flying",
            _is_not(plain)),
 )  # fmt: skip

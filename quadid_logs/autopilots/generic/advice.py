@@ -38,11 +38,13 @@ def digits(value: float) -> str:
 
 
 #: Instead of a sweep, where the firmware has none.
-_QUICKER: Final = "Fly quicker manoeuvres, as short stick flicks"
+_QUICKER: Final = "Fly quicker manoeuvres, such as short stick flicks"
 _BY_HAND: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "QL603": "Do not rely on the margins of this axis. Quicker manoeuvres, as short stick flicks, show "
-        "more of the loop itself.",
+        "QL603": (
+            "Do not rely on the margins of this axis. Quicker manoeuvres, such as short stick flicks, show "
+            "more of the loop itself."
+        ),
         "QL605": f"{_QUICKER}.",
         "QL614": f"{_QUICKER}, and tune from that flight.",
         "QL639": f"{_QUICKER}, for a narrower promise.",
@@ -109,7 +111,7 @@ class Advice:
     parameter_suffix: ClassVar[str] = ".txt"
     gain_loading: ClassVar[str] = "Load {} at the ground station"
     room: ClassVar[str] = (
-        "Choose calm air, a full battery, 10 m of room to all sides, and a height of 10 m or more."
+        "Choose calm air, a full battery, 10 m of free space on all sides, and a height of 10 m or more."
     )
 
     not_set_by_hand: ClassVar[tuple[str, ...]] = ()
@@ -160,7 +162,7 @@ class Advice:
         version: Version | None,  # noqa: ARG002
     ) -> str:
         """Say what to set on this autopilot."""
-        return "Log body rates and the rate controller's outputs at 100 Hz or more."
+        return "Log the body rates and the rate controller's outputs at 100 Hz or more."
 
     def excitation(self, axes: Sequence[str], version: Version | None) -> str:  # noqa: ARG002
         """Say what to fly so that axes are excited enough.
@@ -365,8 +367,8 @@ class Advice:
         return (
             f"Take off in {self.hover_mode} and hover.",
             *(
-                f"{axis.capitalize()}: quick {_STICKS[axis]} doublets, half a second each way, a third of "
-                "full stick, a second of rest between them, for 30 s."
+                f"{axis.capitalize()}: fly quick {_STICKS[axis]} doublets for 30 s: half a second each way, "
+                "a third of full stick, a second of rest between them."
                 for axis in axes
             ),
             "Land.",
@@ -378,8 +380,10 @@ class UnknownAutopilotAdvice(Advice):
 
     remedies = MappingProxyType(
         {
-            "QL309": "Nothing to do for a table: its torque is used as it is given. How commands are mixed "
-            "to motors is not known here, so that rotors of a vehicle file are only drawn.",
+            "QL309": (
+                "Use the model per unit of the table's torque, which is taken as it is. A table does not "
+                "say how commands are mixed to motors, so the rotors of a vehicle file are only drawn."
+            ),
             "QL510": "To get inertias, give the torque in N m (columns L_n_m, M_n_m and N_n_m of a table).",
         }
     )

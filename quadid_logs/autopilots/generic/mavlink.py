@@ -152,7 +152,8 @@ _ESCS: Final = tuple(f"ESC_TELEMETRY_{k}_TO_{k + 3}" for k in (1, 5, 9, 13))
 _S: Final = MavlinkSource
 
 SOURCES: Final = (
-    _S("body_rate", "ATTITUDE", _RATES, "the autopilot's filtered body rates, in step with its attitude"),
+    _S("body_rate", "ATTITUDE", _RATES,
+           "the autopilot's filtered body rates, logged together with its attitude"),
     _S("body_rate", "ATTITUDE_QUATERNION", _RATES, "the autopilot's filtered body rates"),
     _S("body_rate", "HIGHRES_IMU", _GYRO, "gyro", _sensor),
     _S("body_rate", "SCALED_IMU", _GYRO, "gyro in mrad/s", _sensor, 1e-3),
@@ -161,12 +162,12 @@ SOURCES: Final = (
     _S("body_rate", "SCALED_IMU2", _GYRO, "second gyro", _sensor, 1e-3),
     _S("body_rate", "SCALED_IMU3", _GYRO, "third gyro", _sensor, 1e-3),
     _S("body_rate_setpoint", "ATTITUDE_TARGET", ("body_roll_rate", "body_pitch_rate", "body_yaw_rate"),
-       "the rate controller's setpoint"),
+       "the rate controller's set-point"),
     _S("attitude", "ATTITUDE", _ANGLES, "the autopilot's attitude"),
     _S("attitude", "ATTITUDE_QUATERNION", _QUATERNION, "the autopilot's attitude", attitude, label="q1..q4"),
     _S("torque_command", "ACTUATOR_CONTROL_TARGET", ("controls", "group_mlx"),
        "the rate controller's output before the mixer", _controls, label="controls[0..2]"),
-    _S("output_pwm", "SERVO_OUTPUT_RAW", _SERVOS, "what the output driver sent", _outputs,
+    _S("output_pwm", "SERVO_OUTPUT_RAW", _SERVOS, "the outputs that the driver sent", _outputs,
        label="servoN_raw"),
     _S("throttle", "VFR_HUD", ("throttle",), "in percent, for display", scale=0.01),
     _S("specific_force", "HIGHRES_IMU", _ACCELERATION, "accelerometer", _sensor),
@@ -179,7 +180,7 @@ SOURCES: Final = (
        label="landed_state == 1"),
     # Behind the others: a sum, and not of all messages.
     _S("torque_command", "PID_TUNING", ("FF", "P", "I", "D"),
-       "sum of the rate controllers' parts (GCS_PID_MASK 7)", _pid_torque, label="FF + P + I + D"),
+       "sum of the rate controller's terms (GCS_PID_MASK 7)", _pid_torque, label="FF + P + I + D"),
     _S("rotor_speed", _ESCS[0], ("rpm",), "reported by the ESCs", _rotor_speed, RPM, beside=_ESCS[1:]),
 )  # fmt: skip
 MESSAGES: Final = messages_of(SOURCES) | {"PARAM_VALUE", "STATUSTEXT", "AUTOPILOT_VERSION", "SYSTEM_TIME"}
@@ -370,13 +371,14 @@ def _remarks(content: TlogContent) -> tuple[str, ...]:
     others = [f"{one.system_id}/{one.component_id}" for one in content.senders if one is not chosen]
     if others:
         remarks.append(
-            f"System {chosen.system_id}, component {chosen.component_id} was read; "
-            f"{some(others, content.n_senders - 1)} also speak in the file (--system chooses)."
+            f"System {chosen.system_id}, component {chosen.component_id} was read. The file also holds "
+            f"messages of {some(others, content.n_senders - 1)}. --system chooses another one."
         )
     if content.on_host_clock:
         remarks.append(
-            "No message carries the autopilot's time: the host's stamps are used, which can be wrong."
+            "No message carries the autopilot's time. The recording computer's time stamps are used, which "
+            "can be wrong."
         )
     if content.n_unknown:
-        remarks.append(f"{content.n_unknown} packets are of a type that no known dialect has.")
+        remarks.append(f"{content.n_unknown} packets are of a type that no known dialect defines.")
     return tuple(remarks)

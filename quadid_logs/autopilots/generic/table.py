@@ -141,7 +141,7 @@ def _log(path: str, cells: table.Cells, n_bytes: int, remarks: Sequence[str]) ->
         signals=signals,
         vehicle_type=MULTIROTOR,
         counts=(MessageCount(name="rows", count=len(time_s), rate_hz=mean_rate_hz(len(time_s), time_s)),),
-        remarks=("A table does not say what flew: a multirotor is assumed.", *incomplete, *remarks),
+        remarks=("A table does not say what flew, so a multirotor is assumed.", *incomplete, *remarks),
     )
 
 
@@ -161,14 +161,14 @@ def _check_names(path: str | Path, names: Sequence[str]) -> list[str]:
     present = ", ".join(names[:40]) or "none"
     if _TIME not in names:
         raise UnknownFormatError(
-            f"{path} is a table without a column {_TIME}; its columns are: {present}.",
+            f"{path} is a table without a column {_TIME}. Its columns are: {present}.",
             hint="Name the columns time_s, p_rad_s, q_rad_s, r_rad_s and so on, in SI units.",
         )
     rates = SIGNALS["body_rate"].columns
     missing = [name for name in rates if name not in names]
     if missing and len(missing) < len(rates):
         raise UnknownFormatError(
-            f"{path} is a table without {', '.join(missing)}; its columns are: {present}.",
+            f"{path} is a table without {', '.join(missing)}. Its columns are: {present}.",
             hint="All three body rates are needed.",
         )
     return _canonical_names(names)
@@ -182,7 +182,7 @@ def _remarks(cells: table.Cells, system: int) -> list[str]:
         + " as missing.": cells.n_not_numeric,
         counted(cells.n_broken_rows, "row has", "rows have")
         + " too few or too many cells.": cells.n_broken_rows,
-        f"Columns without a canonical name are not used: {', '.join(others[:20])}.": len(others),
-        "A table holds one vehicle: the chosen system was not needed.": system,
+        f"Columns with an unknown name are not used: {', '.join(others[:20])}.": len(others),
+        "A table holds one vehicle, so --system has no effect.": system,
     }
     return [words for words, how_many in said.items() if how_many]

@@ -24,8 +24,8 @@ class InavAdvice(Advice):
     ) -> str:
         """Say how to log fast."""
         return (
-            "On the command line set blackbox_rate_num = 1 and blackbox_rate_denom = 2, keep gyro and motors "
-            "among the logged fields, save, and fly again."
+            "On the command line, set blackbox_rate_num = 1 and blackbox_rate_denom = 2. Keep gyro and "
+            "motors among the logged fields, save, and fly again."
         )
 
     def parameter_text(

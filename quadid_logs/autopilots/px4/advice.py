@@ -44,8 +44,11 @@ class Px4Advice(Advice):
 
     remedies = MappingProxyType(
         {
-            "QL308": "Pass mass_kg, arm_length_m and torque_to_thrust_m with --vehicle FILE.toml. "
-            "CA_ROTORn_PX, PY, CT and KM that were never set (arms of 1 m, CT 6.5, KM 0.05) measure nothing.",
+            "QL308": (
+                "Give mass_kg, arm_length_m and torque_to_thrust_m in --vehicle FILE.toml. CA_ROTORn_PX, "
+                "PY, CT and KM do not describe the vehicle while they have their defaults (arms of 1 m, CT "
+                "6.5, KM 0.05)."
+            ),
             "QL310": "Check SENS_BOARD_ROT and the rotations of the sensors.",
         }
     )
@@ -53,13 +56,13 @@ class Px4Advice(Advice):
     logging_bits = MappingProxyType({"SDLOG_PROFILE": _PROFILE})
     logging_note = "restart the vehicle afterwards"
     unknown_mask_note = (
-        "bits 3 and 4, system identification and high rate, added to the default; where yours is not 1, do "
-        "not load the file: add both bits to yours"
+        "the default with bits 3 and 4 (system identification and high rate) added; if your value is not "
+        "1, do not load the file, but add both bits to your value"
     )
     live_note = (
-        "SDLOG_BACKEND = 3 (card and MAVLink, the default), and a link of about 180 kB/s, as USB or Wi-Fi; "
-        "some 50 kB/s are enough with logger_topics.txt in etc/logging on the card, which replaces the "
-        "profile until you remove it"
+        "set SDLOG_BACKEND = 3 (card and MAVLink, the default); use a link of about 180 kB/s, such as USB "
+        "or Wi-Fi; about 50 kB/s are enough with logger_topics.txt in etc/logging on the card, which "
+        "replaces the profile until you remove it"
     )
     not_set_by_hand = ("CAL_*", "LND_FLIGHT_T_*", "COM_FLIGHT_UUID")
     excitation_entry = "rate"
@@ -86,7 +89,7 @@ class Px4Advice(Advice):
         files = {
             SCRIPT: offboard_script(multisine),
             PARAMETERS: self.parameter_text(
-                "Leave Offboard when its set-points end; the sticks end it, too",
+                "Leave Offboard when its set-points end; the sticks also end it",
                 tuple(FAILSAFES.items()),
                 parameters,
             ),
@@ -99,11 +102,9 @@ class Px4Advice(Advice):
     def excitation_step(self) -> str:
         """The script, where there is a link to a computer."""
         return (
-            f"With a computer on MAVLink, {SCRIPT} can move all axes in place of the doublets: load "
-            f"{PARAMETERS}, "
-            f"hover in Position mode 10 m high, run `python {SCRIPT} ADDRESS`, and switch to Offboard "
-            f"when it asks "
-            "for it. Another mode, the sticks, or Ctrl-C end it."
+            f"With a computer on MAVLink, {SCRIPT} can replace the doublets. Load {PARAMETERS}, hover in "
+            f"Position mode 10 m high, run `python {SCRIPT} ADDRESS`, and switch to Offboard when it says "
+            "so. Another mode, the sticks, or Ctrl-C end it."
         )
 
     def _logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
@@ -116,7 +117,7 @@ class Px4Advice(Advice):
         profile = whole_number(parameters.get("SDLOG_PROFILE"), 1)
         if profile & _PROFILE == _PROFILE:
             return (
-                f"SDLOG_PROFILE is {profile} and logs rates and torque at a high rate. Where rows are "
+                f"SDLOG_PROFILE is {profile}, so rates and torque are logged at a high rate. If rows are "
                 "missing, the card did not keep up: use a faster one, or log fewer topics."
             )
         return (
@@ -128,7 +129,7 @@ class Px4Advice(Advice):
         """Return that an old logger has no profile of high rates."""
         if version is None or version >= _BITMASK_SINCE:
             return ()
-        return ("PX4 before 1.8 has no logging profile of high rate: update the firmware.",)
+        return ("PX4 before 1.8 has no logging profile with a high rate. Update the firmware.",)
 
     def parameter_text(
         self,

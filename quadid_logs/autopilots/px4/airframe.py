@@ -32,7 +32,7 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
     rotors = _Rotors.of(log.parameters, min(count, _MOST_ROTORS))
     axis = rotors.axis
     if not (np.isfinite(axis).all() and (-axis[:, 2] > _UPRIGHT * np.linalg.norm(axis, axis=1)).all()):
-        return Unknown(remark="Rotors that are not upright (CA_ROTORn_A*) are not modelled.")
+        return Unknown(remark="Tilted rotors (CA_ROTORn_A*) are not modelled.")
     if not all(np.isfinite(each).all() for each in rotors):
         return Unknown(remark="CA_ROTOR* holds values that are not finite.")
     effectiveness = np.vstack(
@@ -41,7 +41,7 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
     effectiveness[2] = rotors.ratio_m
     effectiveness = effectiveness * rotors.thrust
     if np.linalg.matrix_rank(effectiveness) < 4:
-        return Unknown(remark="CA_ROTOR* describes rotors that cannot turn the vehicle about all axes.")
+        return Unknown(remark="The rotors in CA_ROTOR* cannot turn the vehicle about all axes.")
     return _calibrated(rotors, normalised_allocation(effectiveness))
 
 
@@ -86,7 +86,7 @@ def _calibrated(rotors: _Rotors, factors: FloatArray) -> Airframe:
         )
         if is_default
     ]
-    remark = f"Not used as calibration, because they are untouched defaults: {', '.join(untouched)}."
+    remark = f"Not used as calibration, because they still have their defaults: {', '.join(untouched)}."
     return Airframe(
         name=f"{len(arms)} rotors",
         source="CA_ROTORn_PX, PY, KM",
@@ -146,8 +146,10 @@ def _legacy(airframe: int) -> Airframe | Unknown:
     shape = next((each for each in _SHAPES if airframe in each.numbers), None)
     if shape is None:
         return Unknown(
-            remark=f"Firmware before 1.13 keeps the geometry in a mixer file; airframe {airframe} names none "
-            "that is known here."
+            remark=(
+                "Firmware before 1.13 keeps the geometry in a mixer file. The mixer file of airframe "
+                f"{airframe} is not known."
+            )
         )
     arm = np.deg2rad(shape.angle_deg)
     position = np.column_stack([np.cos(arm), np.sin(arm), np.zeros_like(arm)])
@@ -163,7 +165,7 @@ def _legacy(airframe: int) -> Airframe | Unknown:
         channels=tuple(range(1, len(spin) + 1)),
         channel_source="motor n on output n, as the mixer files before 1.13 have it",
         remarks=(
-            "The arms are those of a symmetric frame: before 1.13 the real geometry is in a mixer file "
-            "that no log holds.",
+            "The arms of a symmetric frame are assumed. Before 1.13 the real geometry is in a mixer file, "
+            "which the log does not hold.",
         ),
     )

@@ -49,16 +49,18 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     content = read_content(path, messages_of(SOURCES) | {*_RECEIVERS, INTEGRATORS} | TOPICS)
     if not content.counts:
         raise EmptyLogError(
-            f"{path} begins as a ULog, but holds no data message that can be read.",
-            hint="The file was cut off or its definitions are damaged; copy it from the SD card again.",
+            f"{path} begins like a ULog, but holds no readable data message.",
+            hint="The file was cut off or its definitions are damaged. Copy it from the SD card again.",
         )
     if not content.topics:
         largest = sorted(content.counts, key=lambda one: -one.count)
         names = [*dict.fromkeys(one.name for one in largest)][:_NAMED]
         raise EmptyLogError(
-            f"{path} holds no topic that PX4 writes of a flight, only {listed(names)}.",
-            hint="Another program wrote it, or these are not the topics of a flight: take another log, or "
-            "export a table.",
+            f"{path} holds no PX4 topic of a flight, only {listed(names)}.",
+            hint=(
+                "Another program wrote it, or it is not the log of a flight. Use another log, or export a "
+                "table."
+            ),
         )
     known = content.definitions
     found, seen = _signals(content)
@@ -160,7 +162,7 @@ def _remarks(content: UlogContent, system: int) -> tuple[str, ...]:
     if known.dropouts:
         total_s = sum(dropout.duration_ms for dropout in known.dropouts) * 1e-3
         remarks.append(
-            f"The logger reports {counted(len(known.dropouts), 'dropout')} of {total_s:.2f} s in all."
+            f"The logger reports {counted(len(known.dropouts), 'dropout')}, {total_s:.2f} s in total."
         )
     if known.parameter_writes:
         remarks.append(
@@ -175,9 +177,9 @@ def _remarks(content: UlogContent, system: int) -> tuple[str, ...]:
             + " to no announced topic or is of unknown type."
         )
     if known.unknown_flags:
-        remarks.append("The log says that it needs a newer reader; it was read all the same.")
+        remarks.append("The log says that it needs a newer reader. It was read anyway.")
     if _is_simulated(content) and ("esc_status", 0) in content.topics:
         remarks.append("This is a simulated flight: rotor speeds are derived from the commands.")
     if system:
-        remarks.append("A ULog holds one vehicle: the chosen system was not needed.")
+        remarks.append("A ULog holds one vehicle, so --system has no effect.")
     return tuple(remarks)

@@ -46,7 +46,7 @@ SOURCES: Final[tuple[Source[Part[MessageTable]], ...]] = (
     Source("body_rate", "IMU1", _GYRO, "second gyro"),
     Source("body_rate", "IMU2", _GYRO, "third gyro"),
     Source("body_rate_setpoint", "ARSP", ("RollRateSP", "PitchRateSP", "YawRateSP"),
-           "the rate controller's setpoint"),
+           "the rate controller's set-point"),
     Source("attitude", "ATT", _ANGLES, "the estimator's attitude"),
     Source("attitude_setpoint", "ATSP", ("RollSP", "PitchSP", "YawSP"),
            "the attitude controller's set-point"),
@@ -106,7 +106,7 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (on
         lost=file.lost,
         counts=message_counts(file.counts, times),
         has_time=clock.has_time,
-        remarks=("Rows take the time of the TIME record before them (sdlog2 logs no other).",),
+        remarks=("Rows take the time of the TIME record before them: sdlog2 logs no other times.",),
     )
 
 

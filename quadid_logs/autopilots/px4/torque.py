@@ -99,7 +99,7 @@ def _from_motors(log: CleanLog, airframe: Airframe) -> MotorSeries | None:
         saturated=_limited(log, series, thrust, command),
         flown=log.flown(series.time_s, np.nan_to_num(thrust).mean(axis=1)) & known,
         source=f"{series.source} through CA_ROTOR*",
-        reason="the thrust that the allocation gave each motor: saturation is in it",
+        reason="the thrust that the allocation gave each motor, which includes saturation",
         achieved=True,
     )
 
@@ -143,7 +143,7 @@ def _from_setpoint(log: CleanLog, airframe: Airframe) -> MotorSeries | None:
         saturated=limited,
         flown=log.flown(series.time_s, collective),
         source=series.source,
-        reason=f"{series.reason}; saturation is not in it",
+        reason=f"{series.reason}; without saturation",
         achieved=False,
     )
 
@@ -171,7 +171,7 @@ def _from_outputs(log: CleanLog, airframe: Airframe) -> MotorSeries | None:
             saturated=on_all_axes(at_stop),
             flown=up,
             source=f"{series.source} back through THR_MDL_FAC",
-            reason="what the outputs sent: saturation is in it",
+            reason="the outputs as sent, which include saturation",
             achieved=True,
         )
     return None

@@ -61,7 +61,7 @@
   const add = (files) => {
     for (const file of files) {
       const upload = { key: `upload-${nextUpload++}`, file, state: "waiting", sent: 0, tries: 0, error: "" };
-      if (file.size > maxBytes) Object.assign(upload, { state: "failed", error: `It is larger than this server takes (${size(maxBytes)}).` });
+      if (file.size > maxBytes) Object.assign(upload, { state: "failed", error: `It is larger than this server accepts (${size(maxBytes)}).` });
       if (file.size === 0) Object.assign(upload, { state: "failed", error: "The file is empty, or a folder." });
       uploads.push(upload);
     }
@@ -102,7 +102,7 @@
     const retry = () => {
       // A server that is gone is waited for; one that is there and breaks off again and again means it.
       if (byId("connection").hidden && ++upload.tries > MOST_TRIES) {
-        end("failed", "The server breaks the upload off; perhaps its disk is nearly full.");
+        end("failed", "The server ended the upload. Its disk may be nearly full.");
         return;
       }
       Object.assign(upload, { state: "pausing", sent: 0 });
@@ -225,7 +225,7 @@
   const confirmDelete = (entry) => {
     const dialog = byId("confirm");
     byId("confirm-text").textContent = entry.kind === "analyze"
-      ? `${entry.name}: the log's copy on this server, its report, its comparisons and its place in the vehicle's history are deleted. The file on your disk or card stays.`
+      ? `${entry.name}: the log's copy on this server, its report, its comparisons and its place in the vehicle's history will be deleted. The file on your disk or card stays.`
       : `${entry.name} is deleted.`;
     dialog.returnValue = "no";
     dialog.onclose = () => { if (dialog.returnValue === "yes") ask("DELETE", `/entries/${entry.id}`); };
