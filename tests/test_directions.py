@@ -29,6 +29,8 @@ from quadid_logs.vocabulary import AXES
 from tests.directed_flights import AUTOPILOTS, GAINS, OF_ONE_AXIS, QUICK, Case, cases_of, walked, with_gains
 from tests.marks import thorough_but
 
+pytestmark = pytest.mark.usefixtures("quick_multisines")
+
 #: What good loops keep, and below what they are close to instability: MIL-F-9490D and ADS-33E practice.
 KEPT = {"gain_margin_db": 6.0, "gain_margin_down_db": 6.0, "phase_margin_deg": 45.0, "disk_margin": 0.67}
 CLOSE = {"gain_margin_db": 4.0, "gain_margin_down_db": 4.0, "phase_margin_deg": 30.0}

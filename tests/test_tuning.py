@@ -49,6 +49,8 @@ from tests.marks import thorough, thorough_but
 from tests.synthetic_tuning import synthetic_tune_page
 from tests.tuned_flights import as_flown, flown, of_axes, with_parameters
 
+pytestmark = pytest.mark.usefixtures("quick_multisines")
+
 ROLL = ("ATC_RAT_RLL_P", "ATC_RAT_RLL_I", "ATC_RAT_RLL_D")
 #: A tenth of the command's range on every axis, far above any crossover.
 LOUD = 0.1 * np.random.default_rng(1).standard_normal((10_000, 3))

@@ -16,6 +16,8 @@ from quadid_logs.diagnose.findings import finding
 from quadid_logs.planning import make_plan
 from quadid_logs.vocabulary import AXES
 
+pytestmark = pytest.mark.usefixtures("quick_multisines")
+
 Version = tuple[int, ...] | None
 
 

@@ -26,6 +26,8 @@ from tests.analyses import Analyzed
 from tests.autopilots.test_betaflight_controller import HOVER, STICKS, true_plant
 from tests.tuned_flights import of_axes, stiff, with_log
 
+pytestmark = pytest.mark.usefixtures("quick_multisines")
+
 #: The flight has 47 degrees: with 45 to keep P and I go apart, with less to keep all gains go up together.
 BEARABLE = Limits(6.0, 40.0, 0.6)
 HEADER = {"p_roll": 45.0, "i_roll": 80.0, "d_roll": 30.0}

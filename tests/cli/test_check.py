@@ -14,6 +14,8 @@ from quadid_logs.data.result import Result
 from tests.cli.test_tune import changed, fly, refused, values
 from tests.tuned_flights import as_flown, flown
 
+pytestmark = pytest.mark.usefixtures("quick_multisines")
+
 __all__ = ["fly"]
 
 

@@ -23,6 +23,8 @@ from tests.conftest import REPOSITORY
 from tests.marks import thorough
 from tests.synthetic_results import synthetic_prediction
 
+pytestmark = pytest.mark.usefixtures("quick_multisines")
+
 SAMPLES = REPOSITORY / "sample_logs"
 SYSID, TELEMETRY = SAMPLES / "sysid-quad-x.bin", SAMPLES / "doublets.tlog"
 #: Of what analyzes logs; `compare` names the logs of its two files by --logs, `repeat` takes one of each.
