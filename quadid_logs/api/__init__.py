@@ -1,5 +1,5 @@
-"""What Python programs call: a flight analyzed, its model as an object that simulates and predicts.
+"""The Python interface: `analyze` and the other verbs, and models that simulate and predict.
 
-`quadid_logs` offers the names of this package. The stages hand on plain data; here it is given the methods
-that need several of them.
+`quadid_logs` exports the names of this package. The stages of the analysis return plain data. The classes
+here add the methods that need the data of several stages.
 """

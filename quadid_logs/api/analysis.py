@@ -1,4 +1,4 @@
-"""`analyze` for Python: a file, arrays, a table or a simulated flight in, everything found out."""
+"""`analyze` for Python: takes a file, arrays, a table or a simulated flight, returns an `Analysis`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from quadid_logs.simulator import Simulation
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Drawn from seconds of arrays: once for each analysis.
+#: Computing these takes seconds: they are computed once for each analysis.
 _figures_of = once(figures_of)
 
 LogLike = str | Path | FlightLog | Simulation | Mapping[str, Any] | Any
@@ -39,14 +39,14 @@ LogLike = str | Path | FlightLog | Simulation | Mapping[str, Any] | Any
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Analysis(Result):
-    """A `Result` that reads like the maths: `model`, `parameters`, `loop`, `to_pandas`.
+    """The result of one analysis: a `Result` with `model`, `parameters`, `loop`, `figures` and `to_pandas`.
 
-    Shows itself as verdicts and tables in a notebook, as a few lines elsewhere.
+    A notebook displays it as verdicts and tables. Elsewhere its text is a few lines.
 
     Attributes
     ----------
     structure : Structure or None
-        The structure of one's own that was fitted beside the others.
+        The user's own structure, if one was fitted in addition to those of the package.
 
     Examples
     --------
@@ -62,7 +62,7 @@ class Analysis(Result):
 
     @property
     def usable(self) -> bool:
-        """True if no axis is refused."""
+        """Whether no axis is refused."""
         return self.diagnosis.usable
 
     @property
@@ -72,7 +72,7 @@ class Analysis(Result):
         Raises
         ------
         EmptyLogError
-            If nothing could be fitted.
+            If no model could be fitted.
         """
         found = self.identification.recommended
         if found is None:
@@ -82,22 +82,22 @@ class Analysis(Result):
 
     @property
     def models(self) -> dict[str, IdentifiedModel]:
-        """All models by the names of their structures, the recommended one first."""
+        """All fitted models by the name of their structure, the recommended model first."""
         return {each.structure: self._identified(each) for each in self.identification.models}
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """Every element of A and B of the recommended model: `IdentifiedModel.to_pandas`."""
+        """Every element of A and B of the recommended model, as `IdentifiedModel.to_pandas` returns them."""
         return self.model.to_pandas()
 
     @property
     def loop(self) -> ClosedLoop:
-        """The closed loop around the recommended model; its ``margins`` are by axis.
+        """The closed loop of the recommended model and the controller; ``margins`` holds them by axis.
 
         Raises
         ------
         EmptyLogError
-            If the log does not say which controller flew, or there is no model.
+            If the log does not identify the controller, or there is no model.
         """
         if self.closed_loop is None:
             raise EmptyLogError(
@@ -108,7 +108,7 @@ class Analysis(Result):
 
     @property
     def figures(self) -> dict[str, Figure]:
-        """Every figure of the report by its key; each shows itself in a notebook."""
+        """Every figure of the report by its key. A notebook displays a figure directly."""
         return {figure.key: figure for figure in _figures_of(self).shown}
 
     def to_pandas(self) -> pd.DataFrame:
@@ -117,20 +117,21 @@ class Analysis(Result):
         Returns
         -------
         pandas.DataFrame
-            Index ``time_s`` [s]; rates [rad/s], attitude [rad], torque in the unit that its column name says,
-            throttle, set-points, ``saturated``, ``segment``, ``flight``; NaN where a segment lacks a signal.
+            Index ``time_s`` [s]. Columns: rates [rad/s], attitude [rad], torque in the unit of its column
+            name, throttle, set-points, ``saturated``, ``segment``, ``flight``. A signal that a segment lacks
+            is NaN.
 
         Raises
         ------
         EmptyLogError
-            If there is no segment.
+            If the log has no usable segment.
         SettingsError
             If pandas is not installed.
         """
         return data_frame(aligned_table(self.data), index="time_s")
 
     def _identified(self, model: Model) -> IdentifiedModel:
-        """Return a model with the methods that need its terms."""
+        """Return a model with its terms, so that it can simulate and predict."""
         own = () if self.structure is None else self.structure.terms
         return identified(model, dict(TERMS) | {term.symbol: term for term in (*TORQUE_TERMS, *own)}, self)
 
@@ -149,20 +150,24 @@ def analyze(
     structure: str | Structure = "",
     progress: pipeline.Progress | None = None,
 ) -> Analysis:
-    """Read, put on one clock, rebuild the torque, cut, identify and judge one log.
+    """Analyze one log: identify the rotational model and judge each axis.
+
+    The stages read the log, align its signals on one clock, rebuild the torque, cut the flights, identify the
+    models and diagnose them.
 
     Parameters
     ----------
     log : str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
-        The log, of any supported format; a flight of `simulate`; or columns by canonical name, each of shape
-        (n_samples,): ``time_s`` [s], ``p_rad_s``, ``q_rad_s``, ``r_rad_s``, ``L_n_m`` or ``L_command``, and
-        what else the nomenclature names. The index of a DataFrame may be ``time_s``. A result is returned as
-        it is, with the methods of an `Analysis`.
+        A log file of any supported format, a flight of `simulate`, or columns by canonical name. Columns have
+        shape (n_samples,): ``time_s`` [s], ``p_rad_s``, ``q_rad_s``, ``r_rad_s``, ``L_n_m`` or ``L_command``,
+        and further names of the nomenclature. The index of a DataFrame may be ``time_s``. A result is not
+        analyzed again; it only gets the methods of an `Analysis`.
     settings : Settings, optional
     vehicle : Vehicle, optional
-        What the user knows about the vehicle.
+        Known properties of the vehicle. They take precedence over the log's parameters.
     structure : str or Structure
-        To recommend; one of `own_structure` is fitted beside those of the package. "" lets the flight choose.
+        The structure to recommend. A structure of `own_structure` is fitted in addition to those of the
+        package. "" selects the structure from the flight.
     progress : callable, optional
         Called with the name of each stage as it begins.
 
@@ -175,7 +180,7 @@ def analyze(
     LogError
         If the file cannot be read as a flight log at all.
     SettingsError
-        If the part of the log that was chosen holds no flight, there is no such structure, or a result comes
+        If the selected part of the log holds no flight, or the structure is unknown. Also if a result comes
         with settings, a vehicle or a structure.
 
     Examples
@@ -213,22 +218,28 @@ def analyze_pooled(
     Parameters
     ----------
     logs : sequence
-        At least one, each as `analyze` takes it. A log without a usable flight adds nothing, and a finding
-        says so.
-    settings, vehicle, structure, progress
-        As of `analyze`. ``start_s`` and ``end_s`` apply to the clock of each log.
+        At least one log, in any form that `analyze` accepts. A log without a usable flight adds nothing, and
+        a finding reports it.
+    settings : Settings, optional
+        ``start_s`` and ``end_s`` apply to the clock of each log.
+    vehicle : Vehicle, optional
+        Known properties of the vehicle. They take precedence over the logs' parameters.
+    structure : str or Structure
+        The structure to recommend; "" selects it from the flights.
+    progress : callable, optional
+        Called with the name of each stage as it begins.
 
     Returns
     -------
     Analysis
-        With the first usable log as ``log`` and the names of all in ``pooled``.
+        ``log`` is the first usable log, ``pooled`` names all logs.
 
     Raises
     ------
     LogError
         If one of the files cannot be read as a flight log at all.
     SettingsError
-        If the logs' torques are not the same quantity, or the part that was chosen holds no flight.
+        If the logs' torques are not the same quantity, or the selected part holds no flight.
 
     Examples
     --------
@@ -244,12 +255,12 @@ def analyze_pooled(
 
 
 def _analysis(result: Result, structure: Structure | None) -> Analysis:
-    """Give a result its methods."""
+    """Return a result as an `Analysis`."""
     return Analysis(**{each.name: getattr(result, each.name) for each in fields(Result)}, structure=structure)
 
 
 def _settings(settings: Settings | None, structure: str | Structure) -> tuple[Settings, Structure | None]:
-    """Return the settings with the structure that was named, and the one that was made."""
+    """Return the settings with the name of the structure, and the user's own structure or None."""
     settings = settings or Settings()
     if isinstance(structure, Structure):
         return settings, structure
@@ -259,7 +270,7 @@ def _settings(settings: Settings | None, structure: str | Structure) -> tuple[Se
 
 
 def as_log(log: LogLike) -> str | Path | FlightLog:
-    """Return what can be read, or has been.
+    """Return a log as a path to read or a `FlightLog` in memory.
 
     Parameters
     ----------
@@ -272,7 +283,7 @@ def as_log(log: LogLike) -> str | Path | FlightLog:
     Raises
     ------
     TypeError
-        If it is none of these.
+        If ``log`` has another type.
     """
     if isinstance(log, str | Path | FlightLog):
         return log
@@ -282,7 +293,7 @@ def as_log(log: LogLike) -> str | Path | FlightLog:
 
 
 def _columns(table: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the columns of a mapping or a DataFrame, its index among them where that is named."""
+    """Yield the columns of a mapping or a DataFrame, including a named index."""
     if not isinstance(table, Mapping) and (name := getattr(getattr(table, "index", None), "name", None)):
         yield str(name), np.asarray(table.index)
     if not hasattr(table, "keys"):

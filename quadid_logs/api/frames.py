@@ -1,4 +1,4 @@
-"""Columns as a table of pandas."""
+"""Conversion of columns to a pandas table."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ def data_frame(columns: dict[str, Any], index: str = "") -> pd.DataFrame:
     Parameters
     ----------
     columns : dict of str to array_like
+        Columns of equal length by name.
     index : str
-        Name of the column that becomes the index, "" for none.
+        Name of the column that becomes the index; "" keeps a plain row number.
 
     Returns
     -------

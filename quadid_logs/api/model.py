@@ -1,4 +1,4 @@
-"""A model that simulates, predicts other flights, and turns into a state-space system."""
+"""A model that simulates, predicts other flights and exports a state-space system."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ if TYPE_CHECKING:
     import control
     import pandas as pd
 
-#: Of the Padé approximation of the delay: its phase is right to a degree up to 3 rad over the delay.
+#: Order of the Padé approximation of the delay: its phase is right to a degree up to 3 rad over the delay.
 _PADE_ORDER = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class IdentifiedModel(Model):
-    """A `Model` with what it takes to simulate it and to hold it against another flight.
+    """A `Model` that can be simulated, validated on another flight and exported.
 
     Attributes
     ----------
     terms : tuple of Term
-        Of the regressors, in their order.
+        The terms behind the regressors, in the order of the columns of A.
     unit : str
-        Of the torques L, M, N: "N m", or "1" for the autopilot's normalised command.
+        Unit of the torques L, M, N: "N m", or "1" for the autopilot's normalised command.
     autopilot : str
-        Whose command that is.
+        The autopilot that the command belongs to.
     thrust_curve : ThrustCurve or None
-        By which the torque was rebuilt.
+        The thrust curve that the torque was rebuilt with.
 
     Examples
     --------
@@ -75,30 +75,30 @@ class IdentifiedModel(Model):
         start_attitude_rad: ArrayLike | None = None,
         throttle: ArrayLike | None = None,
     ) -> FloatArray:
-        """Return the body rates that torques make of the model, behind its lag and delay.
+        """Simulate the body rates for given torques, including lag and delay.
 
         Parameters
         ----------
         torque : array_like, shape (n_samples, 3)
             L, M, N in `unit`.
         time_s : array_like, shape (n_samples,)
-            Increasing [s].
+            Increasing times [s].
         start_rate_rad_s, start_attitude_rad : array_like, shape (3,), optional
-            At the first sample: p, q, r [rad/s]; roll, pitch, yaw [rad]. Zero if not given.
+            State at the first sample: p, q, r [rad/s]; roll, pitch, yaw [rad]. The default is zero.
         throttle : array_like, shape (n_samples,), optional
-            Above the mean of the flight that was identified; zero if not given.
+            Throttle minus the mean throttle of the identified flight. The default is zero.
 
         Returns
         -------
         ndarray, shape (n_samples, 3)
-            p, q, r [rad/s], before any filter of the gyro.
+            p, q, r [rad/s], before any gyro filter.
 
         Raises
         ------
         ShapeError
-            If the arrays do not fit together.
+            If the shapes of the arrays do not match.
         SettingsError
-            If a regressor does not follow from rates, attitude, torque and throttle.
+            If a regressor cannot be computed from rates, attitude, torque and throttle.
         """
         return simulate_rates(
             self,
@@ -111,19 +111,19 @@ class IdentifiedModel(Model):
         )
 
     def predict(self, other: Result | FlightData) -> FlightPrediction:
-        """Hold the model against another flight of the vehicle, of which nothing is fitted.
+        """Predict another flight of the vehicle. Nothing is fitted to that flight.
 
         Parameters
         ----------
         other : Result or FlightData
-            As `analyze` returns it, or its ``data``.
+            The result of `analyze` for the other flight, or its ``data``.
 
         Raises
         ------
         SettingsError
             If the torques of the two flights are not the same quantity.
         EmptyLogError
-            If the other flight lacks a regressor, or is too short.
+            If the other flight lacks a signal of the model, or is too short.
         """
         data = other.data if isinstance(other, Result) else other
         autopilot = other.log.autopilot if isinstance(other, Result) else self.autopilot
@@ -140,24 +140,24 @@ class IdentifiedModel(Model):
     def to_statespace(
         self, pade_order: int = _PADE_ORDER, *, delay_s: float | None = None
     ) -> control.StateSpace:
-        """Return the part of the model that is linear in the rates, behind lag and delay.
+        """Return the part of the model that is linear in the rates, with lag and delay.
 
-        What is left out is of second order about hover: products of rates, and trim. A lag or delay whose
-        interval holds zero is none; the delay becomes a Padé approximation, in front of the lag.
+        Products of rates (of second order about hover) and trim are omitted. A lag or delay whose 95 %
+        interval contains zero is omitted too. The delay becomes a Padé approximation in front of the lag.
 
         Parameters
         ----------
         pade_order : int
-            Order of the approximation; 0 leaves the delay out, for a tool that takes it as a number: the
-            identified one is ``model.actuator.delay_s``.
+            Order of the Padé approximation. 0 omits the delay, for tools that take it as a number:
+            ``model.actuator.delay_s``.
         delay_s : float, optional
-            Delay [s] in place of the identified one.
+            Delay [s] that replaces the identified delay.
 
         Returns
         -------
         control.StateSpace
             Inputs L, M, N in `unit`, outputs p, q, r [rad/s]. States by name: p, q, r; ``L_lag``, ``M_lag``,
-            ``N_lag``, the torques behind the lag; ``L_delay1`` and so on, of the approximation.
+            ``N_lag``, the torques after the lag; ``L_delay1`` and so on, the states of the approximation.
 
         Raises
         ------
@@ -197,34 +197,36 @@ class IdentifiedModel(Model):
         return library.ss(*matrices, **names, name="vehicle")
 
     def draws(self, axis: str, n_draws: int = 400, *, seed: int = 1) -> dict[str, FloatArray]:
-        """Draw vehicles that the flight allows, one axis: for a Monte Carlo study of a controller.
+        """Draw samples of one axis' model from its posterior, for a Monte Carlo study of a controller.
 
         Parameters
         ----------
         axis : {"roll", "pitch", "yaw"}
+        n_draws : int
+            Number of samples, at least one.
         seed : int
-            Another seed, other vehicles.
+            Seed of the random numbers.
 
         Returns
         -------
         dict of str to ndarray, shape (n_draws,)
-            ``effectiveness`` [rad/s^2 per unit of torque], ``damping`` [1/s, negative where it brakes],
-            ``lag_s``, ``delay_s`` and ``lead_s`` [s]: torque to rate is
+            ``effectiveness`` [rad/s^2 per unit of torque], ``damping`` [1/s, negative for a damped axis],
+            ``lag_s``, ``delay_s`` and ``lead_s`` [s]. The transfer from torque to rate is
             effectiveness (1 + s lead) / (s - damping) / (1 + s lag) exp(-s delay). The delay contains the
-            zero-order hold of the controller's loop. The scale errors of gyro and calibration, which cancel
-            around a loop, are not drawn.
+            zero-order hold of the controller's loop. Scale errors of gyro and calibration cancel around a
+            loop and are not drawn.
 
         Raises
         ------
         EmptyLogError
-            If the flight tells too little of the axis.
+            If the flight does not identify the axis well enough.
         SettingsError
-            If there is no such axis, or no vehicle is to be drawn.
+            If there is no such axis, or ``n_draws`` is less than one.
 
         Notes
         -----
-        The five numbers are drawn together, from `Posterior`: by a normal distribution with their
-        covariance, cut where lag or delay would be negative.
+        The five numbers are drawn jointly from `Posterior`: a normal distribution with their covariance,
+        truncated so that lag and delay are not negative.
 
         Examples
         --------
@@ -257,7 +259,7 @@ class IdentifiedModel(Model):
         }
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return every element of A and B with its interval.
+        """Return every element of A and B with its 95 % interval.
 
         Returns
         -------
@@ -290,7 +292,7 @@ class IdentifiedModel(Model):
 
 
 class _Linear(NamedTuple):
-    """x' = A x + B u, y = C x + D u, with the names of the states."""
+    """A linear system x' = A x + B u, y = C x + D u, with the names of its states."""
 
     A: FloatArray
     B: FloatArray
@@ -299,7 +301,7 @@ class _Linear(NamedTuple):
     states: tuple[str, ...]
 
     def before(self, other: _Linear) -> _Linear:
-        """Return this system in series with another one, whose states come first."""
+        """Return this system followed by another in series; the other's states come first."""
         none = np.zeros((len(self.states), len(other.states)))
         return _Linear(
             np.block([[other.A, other.B @ self.C], [none, self.A]]),
@@ -311,26 +313,27 @@ class _Linear(NamedTuple):
 
 
 def _beside(channels: Sequence[_Linear]) -> _Linear:
-    """Return separate systems as one, block by block."""
+    """Return separate systems as one block-diagonal system."""
     A, B, C, D = (block_diag(*matrices) for matrices in zip(*(each[:4] for each in channels), strict=True))
     return _Linear(A, B, C, D, tuple(name for channel in channels for name in channel.states))
 
 
 def _delay(approximation: Any, torque: str) -> _Linear:
-    """Return a Padé approximation with names."""
+    """Return a Padé approximation with named states."""
     A, B, C, D = (np.asarray(getattr(approximation, name), dtype=np.float64) for name in "ABCD")
     return _Linear(A, B, C, D, tuple(f"{torque}_delay{number}" for number in range(1, len(A) + 1)))
 
 
 def identified(model: Model, terms: Mapping[str, Term], result: Result) -> IdentifiedModel:
-    """Return a model of a result with what its methods need.
+    """Return a model of a result as an `IdentifiedModel`.
 
     Parameters
     ----------
     model : Model
     terms : mapping of str to Term
-        By symbol, those of its regressors among them.
+        Terms by symbol, at least those of the model's regressors.
     result : Result
+        The analysis that the model belongs to.
 
     Returns
     -------
@@ -351,14 +354,14 @@ def _spoken(unit: str, autopilot: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class FlightPrediction:
-    """What a model makes of another flight.
+    """The prediction of another flight by a model, with its scores.
 
     Attributes
     ----------
     validation : Validation
         All scores, by target or rate.
     series : FitSeries
-        Measured and modelled, on rows as far apart as the smoothed band allows.
+        Measured and modelled series, thinned to the rate that the smoothed band needs.
 
     Examples
     --------
@@ -374,11 +377,12 @@ class FlightPrediction:
 
     @property
     def scores(self) -> dict[str, dict[str, float]]:
-        """By axis.
+        """Scores by axis.
 
-        ``r2_acceleration`` in the fitted band, ``r2_high_passed_rate`` and ``r2_simulated_rate`` of the rate
-        simulated without and with what is slower, ``fit_percent`` of the latter, ``rmse_rad_s`` after the
-        longest horizon.
+        ``r2_acceleration`` is the R2 of the angular acceleration in the fitted band. ``r2_high_passed_rate``
+        is that of the simulated rate above the lower edge of the band, ``r2_simulated_rate`` that of the
+        whole simulated rate, and ``fit_percent`` its fit. ``rmse_rad_s`` is the error of the rate [rad/s]
+        after the longest horizon.
         """
         found = self.validation
         return {
@@ -398,7 +402,8 @@ class FlightPrediction:
         Returns
         -------
         pandas.DataFrame
-            Index ``time_s``; accelerations [rad/s^2] and rates [rad/s], measured, and modelled or simulated.
+            Index ``time_s`` [s]. Measured and modelled accelerations [rad/s^2], measured and simulated rates
+            [rad/s].
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The verbs for Python: each takes a path, a log or a table in memory, or a result of `analyze`."""
+"""The verbs for Python. Each takes a path, a log or a table in memory, or a result of `analyze`."""
 
 from __future__ import annotations
 
@@ -38,27 +38,28 @@ def tune(
     vehicle: Vehicle | None = None,
     progress: Progress | None = None,
 ) -> Tuning:
-    """Recommend the gains of the next flight, or say why not.
+    """Recommend the gains of the next flight, or give the reasons for refusing.
 
     Parameters
     ----------
     log : str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
-        A flight with the gains that are set now, as `analyze` takes it.
+        A flight with the current gains, in any form that `analyze` accepts.
     limits : Limits
-        Every promised margin keeps these with 97.5 % confidence.
+        Smallest margins. Each promised margin meets its limit with 97.5 % confidence.
     apart : bool
-        P, I, D and the angle gain each by itself where that rejects gusts better, not by one factor on P, I
-        and D alone.
+        True changes P, I, D and the angle gain separately where that rejects gusts better. False changes P, I
+        and D by one common factor.
     filters : bool
-        Experimental: filters and notches are changed with the gains, where that leaves less of gusts or less
-        noise; not without ``apart``.
+        Experimental: change filters and notches with the gains if that reduces gust response or noise. Has no
+        effect without ``apart``.
     ranges : Ranges
-        Factors on mass, air density and propeller over which the limits are kept as well, as far as the flown
-        gains do or any gains can.
+        Factors on mass, air density and propeller diameter. The limits are met over these ranges too, as far
+        as the flown gains meet them or any gains can.
     earlier : sequence of str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
-        Flights of the same vehicle with other gains, or the same: they narrow what is known of it.
+        Earlier flights of the same vehicle, with any gains. They narrow the intervals.
     settings : Settings, optional
     vehicle : Vehicle, optional
+        Known properties of the vehicle. They take precedence over the log's parameters.
     progress : callable, optional
         Called with the name of each stage as it begins.
 
@@ -71,8 +72,8 @@ def tune(
     LogError
         If the file cannot be read as a flight log at all.
     SettingsError
-        If the part of the log that was chosen holds no flight, settings are given with a result, a range
-        does not hold what flew, or an earlier log is of another vehicle.
+        If the selected part of the log holds no flight, or settings are given with a result. Also if a range
+        does not contain 1, or an earlier log is of another vehicle.
 
     Examples
     --------
@@ -100,28 +101,28 @@ def compare(
     *,
     vehicle: Vehicle | None = None,
 ) -> comparison.Comparison:
-    """Tell whether B, A or the lag changed by more than the two flights leave open.
+    """Test whether control effectiveness, damping, lag or delay changed between two flights.
 
     Parameters
     ----------
     before, after : str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
-        Two flights, each as `analyze` takes it.
+        Two flights, in any form that `analyze` accepts.
     settings : Settings, optional
-        Of the flights that are not results yet.
+        Settings for the flights that are not yet analyzed.
     vehicle : Vehicle, optional
-        Of the same flights.
+        Known properties of the vehicle, for the same flights.
 
     Returns
     -------
     Comparison
-        `quadid_logs.comparison.compare` says how it decides.
+        `quadid_logs.comparison.compare` describes the test.
 
     Raises
     ------
     LogError
         If a file cannot be read as a flight log at all.
     SettingsError
-        If the part of a log that was chosen holds no flight.
+        If the selected part of a log holds no flight.
 
     Examples
     --------
@@ -139,28 +140,28 @@ def repeat(
     *,
     vehicle: Vehicle | None = None,
 ) -> repetition.Repeatability:
-    """Tell whether several flights of one vehicle agree, and which is the outlier.
+    """Test whether several flights of one vehicle agree, and find outliers.
 
     Parameters
     ----------
     logs : sequence
-        Two or more, each as `analyze` takes it, or a result. A flight that is given twice counts once.
+        Two or more flights, in any form that `analyze` accepts. A flight that is given twice counts once.
     settings : Settings, optional
-        Of the flights that are not results yet.
+        Settings for the flights that are not yet analyzed.
     vehicle : Vehicle, optional
-        Of the same flights.
+        Known properties of the vehicle, for the same flights.
 
     Returns
     -------
     Repeatability
-        `quadid_logs.repetition.repeat` says how it decides.
+        `quadid_logs.repetition.repeat` describes the tests.
 
     Raises
     ------
     LogError
         If a file cannot be read as a flight log at all.
     SettingsError
-        If there are fewer than two flights, or their torque is not the same quantity.
+        If there are fewer than two flights, or their torques are not the same quantity.
 
     Examples
     --------
@@ -179,24 +180,24 @@ def check(
     *,
     vehicle: Vehicle | None = None,
 ) -> Check:
-    """Tell whether a flight kept what `tune` promised of it: keep the gains, go on, or go back.
+    """Check a flight against the margins that `tune` promised: keep the gains, continue, or go back.
 
     Parameters
     ----------
     log : str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
-        The flight with the recommended gains, as `analyze` takes it.
+        The flight with the recommended gains, in any form that `analyze` accepts.
     promised : Promise, str, Path or any flight
-        Path of a ``promise.json`` or of the folder that holds it; or the flight before, which is tuned with
-        the default limits.
+        The promise, the path of a ``promise.json`` or of its folder; or the previous flight, which is then
+        tuned with the default limits.
     settings : Settings, optional
-        Of the flights that are not results yet.
+        Settings for the flights that are not yet analyzed.
     vehicle : Vehicle, optional
-        Of the same flights.
+        Known properties of the vehicle, for the same flights.
 
     Returns
     -------
     Check
-        Its ``outcome`` says whether the promise was kept, its ``decision`` what to do.
+        ``outcome`` says whether the promise was kept, ``decision`` what to do with the gains.
 
     Raises
     ------
@@ -205,7 +206,7 @@ def check(
     PromiseFileError
         If the promise cannot be read.
     SettingsError
-        If the flight before promises nothing, as every axis of it is refused.
+        If the previous flight gives no promise because all its axes are refused.
 
     Examples
     --------
@@ -233,39 +234,40 @@ def plan(
     settings: Settings | None = None,
     vehicle: Vehicle | None = None,
 ) -> planning.Plan:
-    """Plan a flight that will give an answer: what to set, and what to fly.
+    """Plan a flight that identifies the model: the parameters to set and the manoeuvres to fly.
 
     Parameters
     ----------
     autopilot : str, Path, FlightLog, Simulation or Result
-        The autopilot's name; or a flight of the vehicle: then what it logs already is kept, for its
-        firmware, and excitation is made for its model, its loop and its air.
+        The autopilot's name, or a flight of the vehicle. For a flight the plan keeps what the vehicle logs
+        already, and designs the excitation for its firmware, model, loop and air.
     axes : sequence of str
-        Of roll, pitch, yaw; empty means all.
+        Axes to excite: roll, pitch, yaw. Empty means all.
     firmware : str
-        Its version, as "4.5"; "" for that of the flight, or a recent one.
+        Firmware version, such as "4.5". "" takes that of the flight, or a recent version.
     propeller_inch : float
-        How large the vehicle is, where no flight tells.
+        Propeller diameter [inch], if no flight is given. It sets the size of the vehicle.
     air : str
-        "calm", "breeze" or "wind"; "" for that of the flight, or a breeze.
+        "calm", "breeze" or "wind". "" takes the air of the flight, or a breeze.
     wanted : float
-        Half the 95 % interval of the control effectiveness, over the effectiveness.
+        Half width of the 95 % interval of the control effectiveness that the plan is designed for, as a
+        fraction of the effectiveness.
     settings : Settings, optional
-        Of a flight that is not a result yet.
+        Settings for a flight that is not yet analyzed.
     vehicle : Vehicle, optional
-        What is known of it, which the plan is made for where no flight tells.
+        Known properties of the vehicle, for values that no flight provides.
 
     Returns
     -------
     Plan
-        Its `Plan.steps` say what to fly, its `Plan.predict` flies it in the simulator.
+        `Plan.steps` lists what to fly, `Plan.predict` flies the plan in the simulator.
 
     Raises
     ------
     LogError
         If the file cannot be read as a flight log at all.
     SettingsError
-        If there is no such autopilot or axis, or the version is none.
+        If the autopilot or an axis is unknown, or the version is not valid.
 
     Examples
     --------
@@ -314,28 +316,29 @@ def predictor(
     Parameters
     ----------
     flights : sequence of str, Path, FlightLog, Simulation, mapping, pandas.DataFrame or Result
-        Two or more, on one period.
+        Two or more flights with one sample period.
     steps : sequence of int
-        Horizons in samples.
+        Prediction horizons in samples.
     sets : sequence of str, optional
-        The set that each flight is of; flights that repeat one trajectory belong into one. Without it each
-        flight is its own.
+        Name of the set that each flight belongs to, for cross-validation. Put flights that repeat one
+        trajectory into one set. The default is one set for each flight.
     memory_s : float
-        How much before a horizon it is told of [s].
+        Length of the past before the start of a horizon that the predictor uses [s].
     settings : Settings, optional
     vehicle : Vehicle, optional
+        Known properties of the vehicle. They take precedence over the logs' parameters.
 
     Returns
     -------
     RatePredictor
-        Its ``predict`` takes the ``data`` of another flight.
+        ``predict`` takes the ``data`` of another flight.
 
     Raises
     ------
     LogError
         If a file cannot be read as a flight log, or holds too little flight.
     SettingsError
-        If there are fewer than two sets, or the flights are on different clocks.
+        If there are fewer than two sets, or the sample periods differ.
 
     Examples
     --------
@@ -363,13 +366,13 @@ def _data_of(log: LogLike | Result, settings: Settings | None, vehicle: Vehicle 
 
 
 def _is_name(text: str) -> bool:
-    """Return whether a text names an autopilot; the name of a log has an ending, or there is such a file."""
+    """Return whether a text names an autopilot: it has no file ending, and no such file exists."""
     path = Path(text)
     return text.lower() in {each.name for each in known()} or not (path.suffix or path.exists())
 
 
 def _analyzed(log: LogLike | Result, settings: Settings | None, vehicle: Vehicle | None) -> Result:
-    """Return a result as it is, and anything else analyzed."""
+    """Return a result unchanged; analyze anything else."""
     return log if isinstance(log, Result) else analyze(log, settings, vehicle=vehicle)
 
 
