@@ -1,4 +1,4 @@
-"""What closing the loop hands on: margins with intervals, predictions, and the curves to draw."""
+"""Results of closing the loop: margins with intervals, predictions and curves."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from quadid_logs.numerals import estimate
 if TYPE_CHECKING:
     from quadid_logs.data.outer_loops import OuterLoops
 
-#: Of responses that are worked out at once: arrays of a quarter of a megabyte stay in the processor's cache.
+#: Responses computed at once: arrays of a quarter of a megabyte stay in the processor's cache.
 _POINTS_AT_ONCE: Final = 15_000
 
 
 class Estimated(NamedTuple):
-    """A figure with its 95 % interval."""
+    """A value with its 95 % interval ``ci95`` (lower and upper end), in the same unit."""
 
     value: float
     ci95: tuple[float, float]
 
 
 class Modes(NamedTuple):
-    """Modes of frames between body and gyro: natural frequencies, damping ratios, what the gyro sees of them.
+    """Structural modes between body and gyro: natural frequency [Hz], damping ratio, gain at the gyro.
 
-    Each of shape (n_plants,). The deflection d obeys d'' + 2 z w d' + w^2 d = -(rate)'.
+    All arrays have shape (n_plants,). The deflection d obeys d'' + 2 z w d' + w^2 d = -(rate)', with the
+    damping ratio z and the natural frequency w [rad/s].
     """
 
     natural_hz: FloatArray
@@ -38,15 +39,16 @@ class Modes(NamedTuple):
     gain: FloatArray
 
     def at(self, numbers: slice | IntArray) -> Modes:
-        """Return some of the modes."""
+        """Return a subset of the modes."""
         return Modes(*(values[numbers] for values in self))
 
     def response(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
-        """Return the response of the gyro's rate to the body's.
+        """Return the frequency response from the rate of the body to the rate at the gyro.
 
         Parameters
         ----------
         frequency_hz : ndarray, shape (n_frequencies,) or (n_plants, n_frequencies)
+            Frequencies [Hz].
 
         Returns
         -------
@@ -54,7 +56,7 @@ class Modes(NamedTuple):
         """
         frequency_hz = np.broadcast_to(frequency_hz, (self.gain.size, frequency_hz.shape[-1]))
         response = np.ones(frequency_hz.shape, dtype=np.complex128)
-        # Many of the drawn vehicles have no mode at all.
+        # Many of the plant samples have no mode.
         bends = np.flatnonzero(self.gain)
         natural_hz, damping_ratio, gain = (values[bends, np.newaxis] for values in self)
         x = frequency_hz[bends] / natural_hz
@@ -63,11 +65,13 @@ class Modes(NamedTuple):
 
 
 class Plant(NamedTuple):
-    """Vehicles with their actuators, one axis: each of shape (n_plants,); one lead may be that of all.
+    """Samples of the plant of one axis with its actuator; shape (n_plants,).
 
-    Torque to rate is B (1 + s lead) / (s - A) / (1 + s lag) exp(-s delay); ``damping`` A is negative where
-    the air brakes. The delay does not contain the zero-order hold. The lead is that of rotors whose
-    acceleration turns the vehicle, in yaw. The modes are those of the frame, None where none is looked for.
+    The transfer from torque to rate is B (1 + s lead) / (s - A) / (1 + s lag) exp(-s delay), with the
+    ``effectiveness`` B [rad/s^2 per unit of torque] and the ``damping`` A [1/s], negative for a damped axis.
+    Lag, delay and lead are in [s]. The delay excludes the zero-order hold. The lead is the reaction of
+    accelerating rotors in yaw; one value may hold for all plants. ``modes`` are structural modes, None if
+    they were not searched for.
     """
 
     effectiveness: FloatArray
@@ -78,33 +82,34 @@ class Plant(NamedTuple):
     modes: Modes | None = None
 
     def at(self, numbers: slice) -> Plant:
-        """Return some of the plants."""
+        """Return a subset of the plants."""
         effectiveness, damping, lag_s, delay_s, lead_s = (values[numbers] for values in self._numbers())
         modes = None if self.modes is None else self.modes.at(numbers)
         return Plant(effectiveness, damping, lag_s, delay_s, lead_s, modes)
 
     def _numbers(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return all but the modes."""
+        """Return all numbers except the modes."""
         lead_s = np.broadcast_to(self.lead_s, self.effectiveness.shape)
         return self.effectiveness, self.damping, self.lag_s, self.delay_s, lead_s
 
     @property
     def reaction(self) -> FloatArray:
-        """Return what accelerating rotors do; shape (n_plants,)."""
+        """Reaction of accelerating rotors: effectiveness times lead; shape (n_plants,)."""
         return np.asarray(self.effectiveness * self.lead_s)
 
     def times(self, factor: float) -> Plant:
-        """Return plants that are so many times as effective."""
+        """Return plants with the effectiveness multiplied by a factor."""
         return self._replace(effectiveness=self.effectiveness * factor)
 
     def response(self, frequency_hz: FloatArray, hold_s: float) -> NDArray[np.complex128]:
-        """Return the response of the rate to the controller's command, before the gyro's filters.
+        """Return the frequency response from the controller's command to the rate, before the gyro filters.
 
         Parameters
         ----------
         frequency_hz : ndarray, shape (n_frequencies,)
+            Frequencies [Hz].
         hold_s : float
-            For which a command is held [s].
+            Duration of the zero-order hold of a command [s].
 
         Returns
         -------
@@ -126,12 +131,13 @@ class Plant(NamedTuple):
         return response
 
     def over(self, others: Plant, frequency_hz: FloatArray) -> NDArray[np.complex128]:
-        """Return the response over that of other plants, with the same delays and modes.
+        """Return the ratio of the response to that of other plants with the same delays and modes.
 
         Parameters
         ----------
         others : Plant
         frequency_hz : ndarray, shape (n_frequencies,)
+            Frequencies [Hz].
 
         Returns
         -------
@@ -145,7 +151,7 @@ class Plant(NamedTuple):
     def _by_rows(
         self, response: Callable[[Plant], NDArray[np.complex128]], n_frequencies: int
     ) -> NDArray[np.complex128]:
-        """Return the response of all, worked out for a few at once."""
+        """Return the response of all plants, computed in batches."""
         found = np.empty((self.effectiveness.size, n_frequencies), dtype=np.complex128)
         n_rows = max(_POINTS_AT_ONCE // max(n_frequencies, 1), 1)
         for row in range(0, len(found), n_rows):
@@ -153,7 +159,7 @@ class Plant(NamedTuple):
         return found
 
     def _without_delay(self, w: FloatArray) -> NDArray[np.complex128]:
-        """Return the response at angular frequencies w [rad/s] but for delay, hold and modes."""
+        """Return the response at angular frequencies w [rad/s] without delay, hold and modes."""
         B, A, lag_s, _, lead_s = (values[:, np.newaxis] for values in self._numbers())
         response = np.empty((B.size, w.size), dtype=np.complex128)
         # (s - A) (1 + s lag)
@@ -162,20 +168,22 @@ class Plant(NamedTuple):
 
 
 class ModeEvidence(NamedTuple):
-    """By how much modes explain the spectrum of a flight better than none, as logarithms of likelihoods.
+    """Log-likelihood ratios of structural modes against no mode, for the spectrum of a flight.
 
-    ``natural_hz`` is (n_frequencies,), ``gained`` (n_frequencies, n_kinds): kinds are the same for all logs.
+    ``natural_hz`` [Hz] has shape (n_frequencies,), ``gained`` (n_frequencies, n_kinds). The kinds are the
+    same for all logs.
     """
 
     natural_hz: FloatArray
     gained: FloatArray
 
     def at(self, natural_hz: FloatArray) -> FloatArray:
-        """Return what the nearest of the frequencies tell; beyond them nothing is told.
+        """Return the log-likelihood ratios at the nearest frequencies, zero outside their range.
 
         Parameters
         ----------
         natural_hz : ndarray, shape (n,)
+            Natural frequencies [Hz].
 
         Returns
         -------
@@ -189,22 +197,23 @@ class ModeEvidence(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameModes:
-    """Modes of the frame that the flight allows about one axis, above the fitted band.
+    """Possible structural modes of the frame about one axis, above the fitted band.
 
     Attributes
     ----------
     modes : Modes
-        That of the estimate, then drawn ones; a gain of zero is none.
+        The mode of the estimate, then random samples; a gain of zero means no mode.
     seen : bool
-        The spectrum of the rate shows one: the estimate has it, too.
+        Whether a mode was detected in the spectrum of the rate; the estimate then includes it.
     line_hz, line_height : float
-        Where its line stands, and how many times the power of its surroundings it has; NaN for no line.
+        Frequency of the spectral line [Hz], and its power relative to the surrounding spectrum; NaN if there
+        is no line.
     absent : float
         Probability that there is no mode.
     visible_hz : float
-        Up to where the log shows the spectrum of the rate, 0 nowhere.
+        Highest frequency of the logged rate spectrum [Hz]; 0 if there is none.
     evidence : ModeEvidence or None
-        Of each mode that was looked for, to be added to that of other flights.
+        Evidence for each tested mode, to be combined with that of other flights.
     """
 
     modes: Modes
@@ -218,25 +227,28 @@ class FrameModes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margins:
-    """How far a loop is from instability; None for a figure that the loop does not have.
+    """Stability margins of a loop; None for a margin that the loop does not have.
 
     Attributes
     ----------
     stable : bool
-        Of the estimate itself; an unstable loop has no figures.
+        Whether the loop of the estimate is stable. An unstable loop has no margins.
     stable_fraction : float
-        Of the vehicles that the flight allows, those whose loop is stable.
+        Fraction of the plant samples with a stable loop.
     extrapolated : bool
-        The figures rest on frequencies where nothing was measured; the intervals are wider for it.
-    crossover_hz, phase_margin_deg, delay_margin_s : Estimated or None
-        Where the gain falls through one with the least phase to spare, that phase, and the delay that uses
-        it up.
+        Whether the margins depend on frequencies without measurements. The intervals are then wider.
+    crossover_hz : Estimated or None
+        Crossover frequency [Hz]: the gain falls through 1. Of several, that with the smallest phase margin.
+    phase_margin_deg : Estimated or None
+        Phase margin at that frequency [deg].
+    delay_margin_s : Estimated or None
+        The additional delay that uses up the phase margin [s].
     gain_margin_db, gain_margin_down_db : Estimated or None
-        By how much the gain may grow, and fall, until the loop oscillates.
+        Increase, and decrease, of the gain at which the loop becomes unstable [dB].
     oscillation_hz : Estimated or None
-        At what frequency it would with a higher gain.
+        Frequency of the oscillation at the upper gain margin [Hz].
     disk_margin, peak_sensitivity : Estimated or None
-        1 / max |S - 1/2| (gain and phase at once, skew 0), and max |S|.
+        1 / max |S - 1/2| (simultaneous gain and phase variation, skew 0), and max |S|.
     """
 
     stable: bool
@@ -268,7 +280,7 @@ class Margins:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopMargins:
-    """Margins with the loop cut at the mixer: the rate loop alone, and with the angle loop around it."""
+    """Margins of the loop opened at the mixer: ``rate`` without, ``full`` with the angle loop around it."""
 
     rate: Margins
     full: Margins | None
@@ -276,9 +288,10 @@ class LoopMargins:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoopCurve:
-    """The open loop against frequency, all of shape (n_frequencies,).
+    """The open-loop transfer over frequency [Hz]; all arrays have shape (n_frequencies,).
 
-    ``low`` and ``high`` hold the 95 % bands of gain and phase [rad, unwrapped].
+    ``gain_low``, ``gain_high``, ``phase_low`` and ``phase_high`` are the 95 % bands of gain [1] and phase
+    [rad, unwrapped].
     """
 
     frequency_hz: FloatArray
@@ -291,10 +304,10 @@ class LoopCurve:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasuredLoop:
-    """The open loop as the log shows it, each of shape (n_frequencies,).
+    """The measured open-loop transfer; all arrays have shape (n_frequencies,).
 
-    ``error`` is the relative standard error of ``response``; ``direct`` where an excitation at the mixer
-    shows the broken loop itself; otherwise the measured vehicle is multiplied by the known controller.
+    ``error`` is the relative standard error of ``response``. If ``direct``, the transfer was measured with an
+    excitation at the mixer. Otherwise it is the measured vehicle times the known controller.
     """
 
     frequency_hz: FloatArray
@@ -305,9 +318,10 @@ class MeasuredLoop:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Step:
-    """The rate's answer to a step of its set-point: figures with intervals, curve (n,) with its 95 % band.
+    """Rate step response: characteristics with 95 % intervals, and curves of shape (n,).
 
-    ``measured`` is the answer with the response of the closed loop as the log shows it, where it does.
+    ``response`` is relative to the step of the set-point, ``low`` and ``high`` are its 95 % band.
+    ``measured`` is the step response of the measured closed loop, None if the log does not show it.
     """
 
     rise_time_s: Estimated
@@ -322,9 +336,10 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PredictedSeries:
-    """Set-point, rate [rad/s] and torque of one axis with what is predicted, each (n_samples,), NaN in gaps.
+    """Measured and predicted rate [rad/s] and torque of one axis; shape (n_samples,), NaN in gaps.
 
-    Torque and its prediction are high-passed at the lower edge of the fitted band.
+    Torque and predicted torque are high-passed at the lower edge of the fitted band. ``held_out`` marks
+    validation data.
     """
 
     time_s: FloatArray
@@ -338,20 +353,21 @@ class PredictedSeries:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prediction:
-    """What model and controller make of the set-points alone, judged on parts that the fit never saw.
+    """Prediction of rate and torque from the set-points only, with its scores on validation data.
 
     Attributes
     ----------
     rate_fit_percent, torque_fit_percent : float
-        100 (1 - |error| / |measured|), both high-passed.
+        100 (1 - |error| / |measured|) [%]; both signals are high-passed.
     attainable_percent : float
-        The torque fit of the best linear system: what the set-points do not move, none predicts.
+        Torque fit of the best linear system [%]: no model can predict what does not follow from set-points.
     held_out_s : float
+        Length of the validation data [s].
     effectiveness : Estimated
-        The on-axis effectiveness whose predicted torque is nearest to the measured one.
+        The on-axis effectiveness [rad/s^2 per unit of torque] with the best prediction of the torque.
     at_limits : bool
-        Motors were at their limits during most of what the set-points drive: the loop was open then, and its
-        effectiveness is that of a torque that was not given.
+        Whether the motors were at their limits during most of the motion by set-points. The loop was open
+        then, so ``effectiveness`` refers to a torque that was not achieved.
     """
 
     rate_fit_percent: float
@@ -365,12 +381,12 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisLoop:
-    """The closed loop of one axis; what a failed replay or a refused axis forbids to say is None.
+    """The closed loop of one axis. Fields are None if the replay failed or the axis is refused.
 
-    ``contradicted``: the measured response does not fit the model around the crossover;
-    ``known_hz``: up to where measurement supports the model; ``plants``: the estimate, then vehicles drawn
-    around it, whose loops the intervals span. ``by_earlier``: the flight tells too little of the axis, and
-    nothing in it contradicts the plants, which are those of earlier flights alone.
+    ``contradicted`` means that the measured response disagrees with the model around the crossover.
+    ``known_hz`` is the highest frequency at which measurements support the model [Hz]. ``plants`` holds the
+    estimate, then the plant samples that the intervals are computed from. ``by_earlier`` means that the
+    flight does not identify the axis: the plants are those of earlier flights, which it does not contradict.
     """
 
     replay: Replay | None = None
@@ -389,15 +405,16 @@ class AxisLoop:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClosedLoop:
-    """The loops around the recommended model, by axis.
+    """The closed loops of the recommended model and the controllers, by axis.
 
     Attributes
     ----------
     controllers : FlownControllers
-        Rate and angle controllers with the parameters that flew.
+        Rate and angle controllers with the flown parameters.
     axes : mapping of str to AxisLoop
+        Loops by axis: "roll", "pitch", "yaw".
     outer : OuterLoops or None
-        The loops around these; None where nobody looked, or the controllers are not known.
+        Attitude, velocity and position loops; None if not analyzed, or if their controllers are not known.
 
     Examples
     --------
@@ -414,7 +431,7 @@ class ClosedLoop:
 
     @property
     def margins(self) -> dict[str, LoopMargins]:
-        """By axis, those that can be told: of axes whose controller replays and whose model is trusted."""
+        """Margins by axis, for axes with a usable model and a controller that reproduces the log."""
         return {axis: loop.margins for axis, loop in self.axes.items() if loop.margins is not None}
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""What `align` hands on: one clock, one period, segments without gaps."""
+"""Results of the stage `align`: segments without gaps, on one clock and one sample period."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from quadid_logs.counting import counted
 from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, LogText, ModeChange
 from quadid_logs.data.torque import AssumedExpo, Calibration
 
-#: Twenty fits of half a second: below, held-out validation says nothing [s].
+#: Twenty fits of half a second; on less flight, scores on validation data mean nothing [s].
 LEAST_FLIGHT_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceChoice:
-    """Which source of a signal was taken, and how it was really sampled.
+    """The selected source of a signal, and its actual sampling.
 
     Attributes
     ----------
     signal, source, reason : str
-        Canonical name, vendor's fields, and why this one.
+        Canonical name, the vendor's fields, and the reason for the selection.
     rate_hz : float
-        Median rate inside the flight segments (whole log where there is none).
+        Median sample rate inside the flight segments, or of the whole log if there are none [Hz].
     mean_rate_hz : float
-        Samples over time covered: below `rate_hz` where samples are missing.
+        Number of samples over time covered; lower than `rate_hz` if samples are missing [Hz].
     longest_gap_s : float
-        Longest pause between samples inside the flight segments.
+        Longest time between samples inside the flight segments [s].
     n_gaps : int
-        Pauses of more than three periods.
+        Number of gaps longer than three periods.
     n_duplicate, n_out_of_order, n_outliers, n_not_finite : int
-        Rows with a repeated stamp, put back in order, thrown away for an
-        impossible stamp, or for NaN, infinite or absurd values or a spike of one sample.
+        Rows with a repeated time stamp; rows that were sorted into order; rows removed for an impossible time
+        stamp; rows removed for NaN, infinite or absurd values, or a spike of one sample.
     others : tuple of (source, rate_hz)
-        The sources that were not taken.
+        The sources that were not selected.
     """
 
     signal: str
@@ -62,38 +62,42 @@ class Segment:
     Attributes
     ----------
     time_s : ndarray, shape (n_samples,)
-        Uniform, on the log's clock [s].
-    body_rate_rad_s, torque : ndarray, shape (n_samples, 3)
-        Torque is in the unit that `InputDescription` names.
+        Uniform times on the log's clock [s].
+    body_rate_rad_s : ndarray, shape (n_samples, 3)
+        p, q, r in the body frame (forward, right, down) [rad/s].
+    torque : ndarray, shape (n_samples, 3)
+        L, M, N about the body axes, in the unit that `InputDescription` names.
     attitude_rad : ndarray, shape (n_samples, 3), or None
-        Euler angles, yaw unwrapped; None where the log has none.
+        Euler angles roll, pitch, yaw with yaw unwrapped [rad]; None if not logged.
     throttle : ndarray, shape (n_samples,), or None
+        Throttle as a fraction of full throttle; None if not logged.
     rotor_thrust : ndarray, shape (n_samples, n_rotors), or None
-        Thrust of each rotor in the unit for which `InputDescription.torque_per_thrust` gives the
-        torque; None where the rotors are not known.
+        Thrust of each rotor, in the unit that `InputDescription.torque_per_thrust` refers to; None if the
+        rotors are not known.
     thrust_by_expo : ndarray, shape (n_samples, n_rotors), or None
-        Its derivative by the expo of the thrust curve; None where no expo was assumed.
+        Derivative of the thrust by the expo of the thrust curve; None if no expo was assumed.
     reference : ndarray, shape (n_samples, 3 or 4), or None
-        What was commanded, from outside the rate loop: rate setpoints [rad/s], and the excitation
-        of a system-ID mode where there is one; None where the log has no setpoints.
+        Commands from outside the rate loop: rate set-points [rad/s], and the excitation of a system-ID mode
+        if there is one. None if the log has no set-points.
     command : ndarray, shape (n_samples, 3 or 4), or None
-        The reference without what the vehicle's own motion makes of it: where an angle controller flew, its
-        gain times the angle is put back, which leaves that gain times the commanded angle [rad/s]. NaN in
-        flight modes whose set-points answer the motion in ways that the log does not tell; None without
-        set-points, or where no flight mode is known. Of a planned trajectory the rates that follow from it.
-        Where sticks that ask for angles are logged, those of roll and pitch, as rates. Of flights that repeat
-        one trajectory the mean torque of the others, in its standard deviations.
+        The reference without the feedback of the vehicle's motion. For an angle controller, this is its gain
+        times the commanded angle [rad/s]. For a planned trajectory, it holds the rates along the trajectory
+        [rad/s]. If the log holds stick commands for angles, roll and pitch are these, as rates [rad/s]. For
+        flights that repeat one trajectory, it is the mean torque of the other flights, in standard
+        deviations. NaN in flight modes whose set-points depend on the motion in ways that are not logged.
+        None without set-points or flight modes.
     law : ndarray of int, shape (n_samples,), or None
-        How the flight mode made set-points of commands, a number for each kind; None where one kind flew.
+        Number of the law by which the flight mode computed set-points from commands; None if there was only
+        one.
     velocity_m_s : ndarray, shape (n_samples, 3), or None
-        Over ground, along the body axes; None where no velocity or no attitude is logged.
+        Velocity over ground along the body axes [m/s]; None if velocity or attitude is not logged.
     planned : bool
-        The command is a planned trajectory's: few and gentle, and below a hertz it goes with the speed
-        through the air.
+        Whether the command is a planned trajectory. Such commands are few and gentle. Below 1 Hz they are
+        correlated with the airspeed.
     repeated : bool
-        The planned trajectory is known by other flights that repeat it.
+        Whether the planned trajectory was obtained from other flights that repeat it.
     saturated : ndarray of bool, shape (n_samples,)
-        The torque could not be achieved, or was clipped.
+        Whether the torque could not be achieved, or was clipped.
     flight : int
         Number of the flight (from take-off to landing), from 0.
     """
@@ -160,21 +164,28 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GyroCheck:
-    """Whether the body rates integrate to the change of the attitude.
+    """Comparison of the integrated body rates with the change of the attitude.
 
     Attributes
     ----------
+    length_s : float
+        Length of each interval [s].
     start_s : ndarray, shape (n_intervals,)
-        Of intervals of `length_s` in flight [s].
+        Start of each interval of flight [s].
     attitude_change, integrated_change : ndarray, shape (n_intervals, 3)
-        Change of roll, pitch and yaw by the attitude, and by the body rates as they were
-        logged, but for the bias and the lag [rad].
-    matrix, half_width, explained : ndarray, shape (3, 3)
-        Body rates that the attitude shows over those logged: the identity if they agree. Half
-        of the 95 % interval, and the fraction of that part of the motion that it explains.
+        Change of roll, pitch and yaw from the attitude, and from the logged body rates after correction of
+        bias and lag [rad].
+    matrix : ndarray, shape (3, 3)
+        Body rates by the attitude over logged body rates; the identity matrix if they agree.
+    half_width : ndarray, shape (3, 3)
+        Half of the 95 % interval of each element of `matrix`.
+    explained : ndarray, shape (3, 3)
+        Fraction of the motion that each element explains.
     bias_rad_s : ndarray, shape (3,)
+        Bias of the gyro [rad/s].
     lag_s, lag_half_width_s : float
-        How long the rates come after the attitude: the filter of the gyro.
+        Lag of the rates behind the attitude, which is that of the gyro filter, and half of its 95 % interval
+        [s].
     """
 
     length_s: float
@@ -190,12 +201,12 @@ class GyroCheck:
 
     @property
     def interval(self) -> tuple[FloatArray, FloatArray]:
-        """Lowest and highest value that the data allow each element of `matrix`; each (3, 3).
+        """Lowest and highest possible value of each element of `matrix`; both of shape (3, 3).
 
-        Noise in the rates draws least squares towards zero. The true value lies between that
-        estimate and the one with rates and attitude exchanged, which noise in the attitude draws
-        the other way: the estimate over the explained fraction (R. Frisch, *Statistical Confluence
-        Analysis*, 1934; S. Klepper and E. Leamer, Econometrica, vol. 52, 1984).
+        Noise in the rates biases the least-squares estimate towards zero. With rates and attitude exchanged,
+        noise in the attitude biases it the other way: that estimate is the first over the explained fraction.
+        The true value lies between the two (R. Frisch, *Statistical Confluence Analysis*, 1934; S. Klepper
+        and E. Leamer, Econometrica, vol. 52, 1984).
         """
         far = np.copysign(np.inf, self.matrix)
         np.divide(self.matrix, self.explained, out=far, where=self.explained > 0.0)
@@ -205,17 +216,16 @@ class GyroCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class InputDescription:
-    """What L, M, N are in this log: kind is "torque_n_m" or "torque_command".
+    """The quantity behind L, M, N in this log; ``kind`` is "torque_n_m" or "torque_command".
 
-    ``achieved`` torque contains saturation, so that saturated samples may be
-    used; ``saturated_fraction`` counts samples in which any axis got less than was commanded,
-    ``limited_fraction`` those of each axis; ``calibration`` is that of the log, for inertia and intervals;
-    ``torque_per_thrust`` (3, n_rotors) is L, M, N per unit of
-    `Segment.rotor_thrust`, None where the rotors are not known.
-    ``expo``: that of the thrust curve by which the torque was rebuilt, None where none was assumed.
-    ``every_step``: each step of the control loop was logged, so that the
-    torque is known between the samples as well.
-    ``grid``: step of the values that L, M and N take in the log, 0 where they take any.
+    If the torque is ``achieved``, it includes saturation, and saturated samples may be used.
+    ``saturated_fraction`` is the fraction of samples in which any axis got less torque than commanded;
+    ``limited_fraction`` holds that fraction for each axis. ``calibration`` is that of the log, for inertia
+    and intervals. ``torque_per_thrust`` (3, n_rotors) is L, M, N per unit of `Segment.rotor_thrust`, None if
+    the rotors are not known. ``expo`` belongs to the thrust curve that the torque was rebuilt with, None if
+    none was assumed. ``every_step`` means that each step of the control loop was logged: the torque is then
+    known between the samples too. ``grid`` is the quantization step of L, M and N in the log, 0 if there is
+    none.
     """
 
     kind: str
@@ -233,10 +243,10 @@ class InputDescription:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Overview:
-    """A cleaned series of the whole log, not resampled, for figures of the flight.
+    """A cleaned signal over the whole log at its own sample times, for figures of the flight.
 
-    ``time_s`` has shape (n_samples,), ``stored`` (n_samples, n_columns): in single precision what was logged
-    as whole numbers of few digits.
+    ``time_s`` [s] has shape (n_samples,), ``stored`` (n_samples, n_columns). Whole numbers of few digits are
+    stored in single precision.
     """
 
     signal: str
@@ -246,7 +256,7 @@ class Overview:
 
     @property
     def values(self) -> FloatArray:
-        """In double precision; shape (n_samples, n_columns)."""
+        """Values in double precision; shape (n_samples, n_columns)."""
         return np.asarray(self.stored, dtype=np.float64)
 
 
@@ -257,25 +267,32 @@ class FlightData:
     Attributes
     ----------
     sample_period_s : float
-        Of every segment; NaN where there is nothing to resample.
+        Sample period of every segment [s]; NaN if there is nothing to resample.
     segments : tuple of Segment
-        Gap-free parts that can be identified from, in order of time.
+        Parts of flight without gaps, usable for identification, in order of time.
     flights : tuple of (start_s, end_s)
-        Take-off to landing, whether or not signals suffice for a segment.
+        Take-off and landing of each flight [s], with or without a usable segment.
     sources : mapping of str to SourceChoice
-        By canonical name.
+        Selected sources by canonical name.
+    input : InputDescription or None
+        The quantity behind L, M, N; None without torque.
     gyro_filter : GyroFilter
-        What the logged body rates have passed, as far as the parameters tell.
+        Filters of the logged body rates, as far as the parameters define them.
     clock_resets : int
-        Reboots and clock jumps; later epochs are shifted to follow the earlier ones.
+        Number of reboots and clock jumps. Data after them are shifted to follow the earlier data.
     start_s, duration_s : float
-        Of the whole log on that clock; of pooled logs together, without the pauses between.
+        Start and length of the whole log on this clock [s]. For pooled logs: of all together, without the
+        time between them.
     on_ground_reason : str
-        Why no flight was found, "" where there is one.
+        Why no flight was found; "" if there is one.
+    overview : mapping of str to Overview
+        Signals of the whole log for figures, by canonical name.
     gyro_check : GyroCheck or None
-        None where rates or attitude are missing or too sparse to hold against each other.
-    modes, texts
-        Of the log, on this clock.
+        None if rates or attitude are missing or too sparse to compare.
+    modes : tuple of ModeChange
+        Flight modes of the log on this clock.
+    texts : tuple of LogText
+        Text messages of the log on this clock. Untrusted: escape before showing.
 
     Examples
     --------
@@ -301,7 +318,7 @@ class FlightData:
 
     @property
     def flight_segments(self) -> tuple[tuple[float, float], ...]:
-        """First and last time [s] of the usable samples of each flight, whatever gaps lie between."""
+        """First and last time of the usable samples of each flight, including gaps between them [s]."""
         spans: dict[int, tuple[float, float]] = {}
         for segment in self.segments:
             start_s, _ = spans.get(segment.flight, (segment.start_s, 0.0))
@@ -310,7 +327,7 @@ class FlightData:
 
     @property
     def used_s(self) -> float:
-        """Length of all segments together [s]."""
+        """Total length of all segments [s]."""
         return sum(segment.end_s - segment.start_s for segment in self.segments)
 
     @property
@@ -320,7 +337,7 @@ class FlightData:
 
     @property
     def mean_throttle(self) -> float:
-        """Mean throttle as a fraction of full throttle, 0 where it was not logged throughout [1]."""
+        """Mean throttle as a fraction of full throttle [1]; 0 if it was not logged throughout."""
         throttle = [segment.throttle for segment in self.segments if segment.throttle is not None]
         if not self.segments or len(throttle) < len(self.segments):
             return 0.0

@@ -1,4 +1,4 @@
-"""What `identify` hands on: models with their caveats."""
+"""Results of the stage `identify`: models, their intervals and their checks."""
 
 from __future__ import annotations
 
@@ -16,25 +16,26 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """One element of A or B with its interval.
+    """One element of A or B with its 95 % interval.
 
     Attributes
     ----------
     name : str
-        "B11", "A17": row and column.
+        Name by row and column: "B11", "A17".
     target, regressor : str
-        ``regressor`` (or input) multiplies ``value`` in the equation of ``target``.
+        In the equation of ``target``, ``value`` multiplies ``regressor`` (or input).
     value : float
+        The estimate, in `unit`.
     unit : str
-        The target's over the regressor's.
+        Unit of the target over unit of the regressor.
     ci95 : tuple of float
-        The 95 % interval.
+        Lower and upper end of the 95 % interval, in `unit`.
     identifiable : bool
-        Whether this flight tells the value.
+        Whether this flight identifies the value.
     reason : str
-        Why it does not.
+        Why it is not identifiable.
     half_width : float
-        Half of what the interval was before it was widened to effects that may be there.
+        Half width of the 95 % interval before it was widened for possible unmodelled effects.
 
     Examples
     --------
@@ -75,10 +76,9 @@ class Parameter:
 class Actuator:
     """Lag and delay between logged torque and angular acceleration.
 
-    ``lag_s`` and ``delay_s`` with 95 % intervals; ``loss`` of shape
-    (n_lags, n_delays) is one minus the held-out R2 over ``lag_grid_s`` and ``delay_grid_s``.
-    Where the lag acts on the speed of the rotors, it is the mean of
-    ``lag_up_s`` and ``lag_down_s``; both are NaN otherwise.
+    ``lag_s`` and ``delay_s`` [s] have 95 % intervals. ``loss`` has shape (n_lags, n_delays): one minus the
+    R2 on validation data, over ``lag_grid_s`` and ``delay_grid_s``. If the lag acts on the rotor speed,
+    ``lag_s`` is the mean of ``lag_up_s`` and ``lag_down_s``; otherwise both are NaN.
     """
 
     lag_s: float
@@ -94,50 +94,50 @@ class Actuator:
 
     @property
     def lag_identifiable(self) -> bool:
-        """Whether the lag is known well enough to be told from another."""
+        """Whether the 95 % interval of the lag is narrow enough to use."""
         return _narrow(self.lag_s, self.lag_ci95_s) and not self.at_bound
 
     @property
     def delay_identifiable(self) -> bool:
-        """Whether the delay is known well enough to be told from another."""
+        """Whether the 95 % interval of the delay is narrow enough to use."""
         return _narrow(self.delay_s, self.delay_ci95_s) and not self.at_bound
 
     @property
     def at_bound(self) -> bool:
-        """Whether lag or delay is the largest of the search: then neither is identified."""
+        """Whether lag or delay is at the upper bound of the search; then neither is identified."""
         pairs = ((self.lag_s, self.lag_grid_s), (self.delay_s, self.delay_grid_s))
         return any(value_s >= _AT_BOUND * grid_s.max(initial=0.0) for value_s, grid_s in pairs if grid_s.size)
 
 
-#: A search ends this near to a bound that it would cross.
+#: A search ends within this distance of a bound that it would cross.
 _AT_BOUND = 0.99
-#: A half width of a fifth is a standard deviation of a tenth: a time known worse is an order of magnitude.
+#: A half width of a fifth is a standard deviation of a tenth. A wider interval gives a magnitude only.
 _MOST_RELATIVE = 0.2
 
 
 def _narrow(value_s: float, ci95_s: tuple[float, float]) -> bool:
-    """Say whether an interval is narrow against its value."""
+    """Return whether an interval is narrow relative to its value."""
     low, high = ci95_s
     return bool(0.5 * (high - low) <= _MOST_RELATIVE * value_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Posterior:
-    """What is known, together, of the five numbers of each axis that a control loop is made of.
+    """Joint estimate, by axis, of the five numbers that a control loop depends on.
 
     Attributes
     ----------
     mean : ndarray, shape (3, 5)
-        Per axis: on-axis effectiveness [rad/s^2 per unit of torque] and on-axis damping [1/s], both of
-        the rates as the gyro shows them; lag and delay of the actuator [s]; of yaw the reaction of
-        accelerating rotors [rad/s per unit of torque], zero where none was seen.
+        For each axis: on-axis effectiveness [rad/s^2 per unit of torque] and on-axis damping [1/s], both for
+        the rates that the gyro measures; lag and delay of the actuator [s]; for yaw the reaction of
+        accelerating rotors [rad/s per unit of torque], zero if not detected.
     covariance : ndarray, shape (3, 5, 5)
-        Of these, one standard deviation squared; not finite where an axis tells nothing. The gyro's scale
-        and the torque's calibration, which cancel around a loop, are no part of it.
+        Covariance of the five numbers; not finite if the axis is not identified. It excludes the errors of
+        gyro scale and torque calibration, which cancel around a loop.
     lag_or_delay_s : float
-        So much of the delay may be lag: the flight does not tell the two apart.
+        Part of the delay that may be lag [s]: the flight cannot separate the two.
     only_brakes : tuple of bool
-        Of each axis: its damping is estimated as none, at the edge of what rotors and air can do.
+        By axis: the damping estimate is zero, the bound of what rotors and air can do.
     """
 
     mean: FloatArray
@@ -152,7 +152,7 @@ class Posterior:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Windows:
-    """One solution of H_k per window.
+    """The solutions of the windowed least-squares problem, one for each window with matrix H_k.
 
     Attributes
     ----------
@@ -161,21 +161,23 @@ class Windows:
     coefficients : ndarray, shape (n_windows, n_targets, n_regressors)
         [A B] of the window.
     condition_number : ndarray, shape (n_windows,)
-        Of the column-scaled H_k; infinite where it is rank deficient.
+        Condition number of H_k with scaled columns; infinite if H_k is rank deficient.
     rank : ndarray of int, shape (n_windows,)
+        Rank of H_k.
     residual_rms : ndarray, shape (n_windows, n_targets)
+        Rms of the residual, in the unit of the target.
     singular_values : ndarray, shape (n_windows, n_regressors)
-        Of H_k with its columns scaled to unit length, largest first.
+        Singular values of H_k with columns scaled to unit length, largest first.
     noise_floor : ndarray, shape (n_windows,)
-        What the smallest of them would be if that direction held noise only.
+        Value of the smallest singular value if its direction contained noise only.
     used : ndarray of bool, shape (n_windows,)
-        Full rank and above the noise floor.
+        Whether the window has full rank and lies above the noise floor.
     weakest : ndarray, shape (n_regressors,)
-        The combination of columns that the windows see least, of unit length,
-        columns scaled to unit length too.
+        The least excited combination of columns: a unit vector, for columns scaled to unit length.
     width, stride : int
+        Length of a window and step between windows, in samples.
     period_s : float
-        Between the samples inside a window.
+        Time between the samples of a window [s].
     """
 
     time_s: FloatArray
@@ -194,14 +196,15 @@ class Windows:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Validation:
-    """How the model does on data that it was not fitted to; empty maps where there were none.
+    """Scores of the model on validation data, by target or rate; empty if there are no validation data.
 
-    ``r2_acceleration`` in the fitted band; ``r2_commanded`` of what follows from the instruments there, empty
-    without any; ``r2_simulated_rate`` of the whole rate, ``r2_high_passed_rate`` without what is slower than
-    the fitted band.
-    ``residual_memory_s``: after so long the residual of the acceleration has
-    forgotten itself (autocorrelation below 0.2); ``input_correlation``: its
-    largest correlation with the axis' own torque up to half a second apart.
+    ``r2_acceleration`` is the R2 of the acceleration in the fitted band. ``r2_commanded`` is the R2 of the
+    part that follows from the instruments; it is empty without instruments. ``r2_simulated_rate`` is the R2
+    of the whole simulated rate, ``r2_high_passed_rate`` that of the rate above the lower edge of the band.
+    ``horizon_rmse_rad_s`` holds the errors of the rate [rad/s] after each time of ``horizon_s`` [s].
+    ``residual_memory_s`` is the time [s] after which the autocorrelation of the acceleration residual falls
+    below 0.2. ``input_correlation`` is the largest correlation of that residual with the torque of the same
+    axis, at time shifts up to half a second.
     """
 
     held_out_s: float
@@ -220,10 +223,9 @@ class Validation:
 class FitSeries:
     """Measured and modelled series for figures, NaN between segments.
 
-    All of shape (n_samples, 3) but ``time_s`` (n_samples,) and ``held_out``
-    (n_samples,) of bool. Acceleration [rad/s^2] is smoothed as in the fit;
-    rate [rad/s]; ``simulated_rate`` starts from the measured one with every
-    block that is held out or fitted as a whole.
+    ``time_s`` [s] and ``held_out`` (bool, validation data) have shape (n_samples,). All others have shape
+    (n_samples, 3). Accelerations [rad/s^2] are smoothed as in the fit. Rates are in [rad/s].
+    ``simulated_rate`` starts from the measured rate at the beginning of each fitted or held-out block.
     """
 
     time_s: FloatArray
@@ -236,7 +238,7 @@ class FitSeries:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Discrete:
-    """x(k+1) = A_d x(k) + B_d u(k) at the sample period."""
+    """The discrete-time model x(k+1) = A_d x(k) + B_d u(k) at ``sample_period_s`` [s]."""
 
     sample_period_s: float
     states: tuple[str, ...]
@@ -246,7 +248,7 @@ class Discrete:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Inertia:
-    """Inertia tensor [kg m^2] with 95 % intervals, each of shape (3, 3)."""
+    """Inertia tensor [kg m^2] and its 95 % interval, all of shape (3, 3)."""
 
     matrix: FloatArray
     ci95_low: FloatArray
@@ -255,11 +257,12 @@ class Inertia:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Response:
-    """Angular acceleration over torque of one axis in third octaves; each (n_bands,).
+    """Frequency response from torque to angular acceleration of one axis, in third octaves; shape (n_bands,).
 
-    ``frequency_hz`` is where the torque of the band is; ``gain`` complex [rad/s^2 per unit of torque], NaN
-    where nothing is known; ``error`` is its relative standard error; ``coherence`` that of the
-    acceleration with what it is driven by; ``torque_power`` that of the torque as far as it is driven by it.
+    ``frequency_hz`` is the mean frequency of the torque in the band. ``gain`` is complex [rad/s^2 per unit of
+    torque], NaN if it is not known. ``error`` is its relative standard error. ``coherence`` is that of the
+    acceleration with the instrument (set-point, else torque). ``torque_power`` is the power of the torque
+    that is coherent with the instrument.
     """
 
     frequency_hz: FloatArray
@@ -271,10 +274,11 @@ class Response:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BandCheck:
-    """The same fit in other frequency bands: a true gain does not depend on the band.
+    """The same fit in other frequency bands: the true effectiveness does not depend on the band.
 
-    ``low_hz`` (n_bands,) below which nothing was fitted and ``cutoff_hz`` (n_bands,) of the
-    smoothing filter, the model's own first; ``on_axis_gain`` (n_bands, 3) is B11, B22, B33 in each.
+    ``low_hz`` (n_bands,) is the lower edge of each band [Hz], ``cutoff_hz`` (n_bands,) the cut-off of the
+    smoothing filter [Hz]. The first band is that of the model. ``on_axis_gain`` (n_bands, 3) is B11, B22, B33
+    [rad/s^2 per unit of torque] in each band.
     """
 
     low_hz: FloatArray
@@ -283,7 +287,7 @@ class BandCheck:
 
     @property
     def spread(self) -> FloatArray:
-        """Largest deviation from the model's gain, relative to it; shape (3,)."""
+        """Largest relative deviation from the model's on-axis effectiveness; shape (3,)."""
         own = np.abs(self.on_axis_gain[0])
         deviation = np.max(np.abs(self.on_axis_gain - self.on_axis_gain[0]), axis=0)
         relative: FloatArray = np.full_like(own, np.inf)
@@ -291,17 +295,17 @@ class BandCheck:
         return relative
 
 
-#: The squared difference over its variance passes 12.2 in 1 % of flights
-#: without a change (Andrews 2003); three axes are looked at, and residuals are not quite normal.
+#: The squared difference over its variance exceeds 12.2 in 1 % of flights without a change (Andrews 2003).
+#: Three axes are tested, and residuals are not quite normal.
 CHANGE_SEEN: Final = 16.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ChangeCheck:
-    """The likeliest time at which B11, B22, B33 changed, each of shape (3,).
+    """The most likely time of a change of B11, B22, B33; all arrays have shape (3,).
 
-    ``time_s``; the gain ``before`` and ``after``; ``statistic``, the squared
-    difference over its variance. NaN on axes that were not excited.
+    ``time_s`` is the time of the change [s]; ``before`` and ``after`` are the effectiveness [rad/s^2 per unit
+    of torque]. ``statistic`` is the squared difference over its variance. Axes without excitation are NaN.
     """
 
     time_s: FloatArray
@@ -311,12 +315,12 @@ class ChangeCheck:
 
     @property
     def seen(self) -> BoolArray:
-        """Whether the change is beyond chance; shape (3,)."""
+        """Whether the change is significant; shape (3,)."""
         return np.asarray(self.statistic > CHANGE_SEEN, dtype=np.bool_)
 
     @property
     def relative(self) -> FloatArray:
-        """Difference relative to the mean of both; shape (3,)."""
+        """Difference of after and before relative to their mean; shape (3,)."""
         mean = 0.5 * np.abs(self.before + self.after)
         difference: FloatArray = np.full_like(mean, np.nan)
         np.divide(np.abs(self.after - self.before), mean, out=difference, where=mean > 0.0)
@@ -325,14 +329,17 @@ class ChangeCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FormulationCheck:
-    """B11, B22, B33 in the weak form and in the integral form, with half widths; each (2, 3)."""
+    """B11, B22, B33 by the weak form (row 0) and the integral form (row 1), shape (2, 3).
+
+    ``half_width`` (2, 3) is half of the 95 % interval, in the same unit.
+    """
 
     on_axis_gain: FloatArray
     half_width: FloatArray
 
     @property
     def disagree(self) -> FloatArray:
-        """Relative difference beyond what both intervals allow, zero if none; shape (3,)."""
+        """Relative difference in excess of both 95 % intervals, zero if none; shape (3,)."""
         difference = np.abs(self.on_axis_gain[1] - self.on_axis_gain[0])
         beyond = difference > np.hypot(self.half_width[0], self.half_width[1])
         relative: FloatArray = np.zeros_like(difference)
@@ -341,7 +348,7 @@ class FormulationCheck:
         return relative
 
 
-#: What one more column of an equation stands for.
+#: The physical effect that an additional column of an equation represents.
 Effect = Literal[
     "threshold",
     "rotor threshold",
@@ -358,7 +365,7 @@ Effect = Literal[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectCheck:
-    """One more effect in the equation of one axis.
+    """Test of an additional effect in the equation of one axis.
 
     Attributes
     ----------
@@ -366,15 +373,15 @@ class EffectCheck:
         0 roll, 1 pitch, 2 yaw.
     effect : Effect
     statistic : float
-        Squared coefficient over its variance (Wald).
+        Wald statistic: squared coefficient over its variance.
     explained : float
-        Fraction of what the model leaves of the acceleration.
+        Fraction of the model's acceleration residual that the effect explains.
     shift : float
-        By how much the on-axis effectiveness is larger with it, relative.
+        Relative increase of the on-axis effectiveness if the effect is included.
     most : float
-        Upper end of the 95 % interval of that, where it is known; NaN otherwise.
+        Upper end of the 95 % interval of ``shift``; NaN if not known.
     place : float
-        Torque of a dead zone or a limit, frequency of a mode or a swing [Hz]; NaN of the others.
+        Torque of a dead zone or a saturation, frequency of a mode or a swing [Hz]; NaN for other effects.
     """
 
     axis: int
@@ -388,10 +395,10 @@ class EffectCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimingCheck:
-    """The best lag and delay where the delay may be negative: torque stamped after the motion it causes.
+    """The best fit with a negative delay allowed: the torque is stamped after the motion that it causes.
 
-    ``half_width_s`` is that of the delay's 95 % interval, ``shift`` (3 values) how much larger the on-axis
-    effectiveness is then, relative.
+    ``delay_s`` is the delay [s], ``half_width_s`` half of its 95 % interval. ``shift`` (3 values) is the
+    relative increase of the on-axis effectiveness with that delay.
     """
 
     delay_s: float
@@ -401,30 +408,34 @@ class TimingCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StructuralCheck:
-    """What else the equations could hold.
+    """Tests of effects that the equations of the model do not contain.
 
     Attributes
     ----------
     effects : tuple of EffectCheck
-        At most one for each axis and kind: the likeliest level or frequency.
+        At most one for each axis and kind of effect, at its most likely level or frequency.
     timing : TimingCheck or None
-        None where no earlier torque explains the flight better.
+        None if no negative delay fits the flight better.
     flight_gain, flight_half_width : ndarray, shape (n_flights, 3)
-        On-axis effectiveness of each flight over that of all, and its 95 % interval; no rows for one flight.
-    persistence, spread : ndarray, shape (3,)
-        Correlation of the deviations of the on-axis effectiveness from one half second to the next, over what
-        chance makes of it; rms of these deviations, relative. NaN on axes that were not looked at.
+        On-axis effectiveness of each flight over that of all flights, and half of its 95 % interval. There
+        are no rows for a single flight.
+    persistence : ndarray, shape (3,)
+        Correlation of the deviations of the on-axis effectiveness between successive half seconds, over its
+        standard deviation by chance. NaN on axes that were not tested.
+    spread : ndarray, shape (3,)
+        Rms of these deviations, relative to the effectiveness. NaN on axes that were not tested.
     feedback : ndarray, shape (3,)
-        How much larger the on-axis effectiveness may be because a controller answers what disturbs the
-        vehicle, relative; where set-points are instruments, as far as they follow the attitude.
+        Possible relative increase of the on-axis effectiveness because the controller reacts to disturbances.
+        If set-points are instruments, only the part that follows the attitude counts.
     together : ndarray, shape (3,)
-        How much larger, relative, the on-axis effectiveness is with all effects that are seen together.
+        Relative increase of the on-axis effectiveness with all detected effects together.
     instrumented : bool
-        Set-points are instruments.
+        Whether set-points are instruments.
     strength : ndarray, shape (3,)
-        How strongly they drive each torque: effective F statistic over what it must reach; NaN without any.
+        Strength of the instruments for each torque: effective F statistic over its critical value. NaN
+        without instruments.
     own_timing : ndarray, shape (3,)
-        How much larger, relative, the on-axis effectiveness is with lag and delay of the axis' own.
+        Relative increase of the on-axis effectiveness if the axis has its own lag and delay.
     """
 
     effects: tuple[EffectCheck, ...]
@@ -442,9 +453,9 @@ class StructuralCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YawReaction:
-    """The lead of yaw, by which accelerating rotors turn the vehicle: N + lead_s dN/dt.
+    """Reaction torque of accelerating rotors in yaw, as a lead: N + lead_s dN/dt.
 
-    ``ci95_s`` is its 95 % interval.
+    ``lead_s`` is the lead [s], ``ci95_s`` its 95 % interval [s].
     """
 
     lead_s: float
@@ -458,40 +469,41 @@ class Model:
     Attributes
     ----------
     structure : str
+        Name of the structure.
     recommended : bool
-        One of a flight's models is.
+        Whether this is the recommended model. Each flight has at most one.
     states, regressors, targets, inputs : tuple of str
-        Their symbols; the regressors are the columns of A, the inputs those of B, the targets the rows.
+        Symbols. The regressors are the columns of A, the inputs the columns of B, the targets the rows.
     A : ndarray, shape (n_targets, n_regressors)
         [rad/s^2 per unit of regressor].
     B : ndarray, shape (n_targets, 3)
-        [rad/s^2 per unit of L, M, N].
+        Control effectiveness [rad/s^2 per unit of L, M, N].
     parameters : tuple of Parameter
-        Every element of A and B with its interval.
+        Every element of A and B with its 95 % interval.
     windows : Windows or None
-        Solutions of the published method, one per window.
+        Solutions of the published method, one for each window.
     validation : Validation
-        On parts of the flight that the fit never saw.
+        Scores on validation data.
     actuator : Actuator or None
-        Lag and delay [s]; None for a structure that takes the torque as logged.
+        Lag and delay [s]; None for a structure that uses the logged torque directly.
     inertia : Inertia or None
-        [kg m^2]; None for a normalised torque.
+        Inertia tensor [kg m^2]; None for a normalised torque.
     discrete : Discrete or None
         The linear part at the sample period.
     fit : FitSeries or None
         Measured and modelled series.
     smoothing_hz : float
-        Cut-off of the filter that regressors and targets passed alike.
+        Cut-off of the filter on regressors and targets [Hz].
     bootstrap_half_width : ndarray, shape (3,), or None
-        Of the 95 % intervals of B11, B22, B33 by resampling blocks of the flight.
+        Half width of the 95 % intervals of B11, B22, B33 from resampled blocks of the flight.
     criterion : float
-        Bayesian information criterion, clusters of correlated residuals counted once; less is better.
+        Bayesian information criterion; clusters of correlated residuals count once. Lower is better.
     yaw_reaction : YawReaction or None
-        None where there is none to be seen.
+        None if no reaction of the rotors was detected.
     yaw_is_inverse_controller : bool
-        The yaw torque follows the yaw motion.
+        Whether the yaw torque is the controller's reaction to the yaw motion.
     yaw_band : BandCheck or None
-        Of yaw, where its equation was fitted in a band of its own.
+        Band check of yaw, if yaw was fitted in a separate band.
 
     Examples
     --------
@@ -531,7 +543,7 @@ class Model:
     yaw_band: BandCheck | None = None
 
     def band_of(self, axis: int) -> BandCheck | None:
-        """Return the check of the band that an axis (0 roll, 1 pitch, 2 yaw) was fitted in."""
+        """Return the check of the frequency band of an axis (0 roll, 1 pitch, 2 yaw)."""
         return self.yaw_band if axis == 2 and self.yaw_band is not None else self.band
 
     @property
@@ -545,8 +557,8 @@ class Model:
         Parameters
         ----------
         key : str or tuple of (str, str)
-            Its name, as ``"B11"``; or its axis or target, ``"roll"`` or ``"p_dot"``, and its regressor or
-            input, ``"L"``.
+            The name, such as ``"B11"``. Or a pair: the axis or target (``"roll"`` or ``"p_dot"``), and the
+            regressor or input (``"L"``).
 
         Returns
         -------
@@ -577,12 +589,12 @@ _TARGETS = dict(zip(AXES, ACCELERATION_SYMBOLS, strict=True))
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TorquePath:
-    """How acceleration follows torque: lag and roll-off, with their standard errors.
+    """Phase lag and roll-off between torque and acceleration, with their standard errors.
 
-    Advanced by ``lag_s``, torque and acceleration are in phase. The gain falls as 1 - ``roll_off_s2`` times
-    omega squared, about half of the squared time constant of a first-order lag. ``explained``: fraction of
-    the acceleration, every frequency with the same weight. ``p_value``: that of a torque which acts through
-    rotors and filters, but looks as if nothing lay between.
+    Torque and acceleration are in phase if the acceleration is advanced by ``lag_s`` [s]. The gain falls as
+    1 - ``roll_off_s2`` omega^2; for a first-order lag, ``roll_off_s2`` [s^2] is about half of the squared
+    time constant. ``explained`` is the fraction of the acceleration, with equal weight at all frequencies.
+    ``p_value`` is the probability that a torque which passes rotors and filters shows so little lag.
     """
 
     lag_s: float
@@ -595,16 +607,15 @@ class TorquePath:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Excitation:
-    """How much an axis was moved, against what noise alone would show.
+    """The excitation of one axis, compared with noise.
 
-    ``torque_rms`` in the input's unit, ``rate_rms_rad_s``; ``signal_to_noise``
-    is the ratio of explained to unexplained acceleration in the fitted band;
-    spectra of the rate and the torque over ``frequency_hz`` (n_frequencies,)
-    with their ``coherence``. ``difference_r2``: how much of the torque above all motion a difference of
-    neighbouring rates explains, NaN in slow logs; ``bandwidth``: standard deviation of the torque's frequency
-    over its mean, in the fitted band; ``line_fraction`` of its power is in the strongest line, at
-    ``line_hz``.
-    ``path``: what lies between torque and acceleration, None where the flight is too short to tell.
+    ``torque_rms`` is in the unit of the input, ``rate_rms_rad_s`` in [rad/s]. ``signal_to_noise`` is the
+    ratio of explained to unexplained acceleration in the fitted band. ``rate_psd``, ``torque_psd`` and
+    ``coherence`` (n_frequencies,) are spectra over ``frequency_hz``.
+    ``difference_r2`` is the R2 of the torque above the frequencies of motion by differences of neighbouring
+    rates, NaN in slow logs. ``bandwidth`` is the standard deviation of the torque's frequency over its mean,
+    in the fitted band. The strongest line is at ``line_hz`` [Hz] and has ``line_fraction`` of the power.
+    ``path`` describes the transfer from torque to acceleration, None if the flight is too short.
     """
 
     axis: str
@@ -628,30 +639,33 @@ def _nothing() -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ThrustCurve:
-    """The expo of the propellers' thrust curve, (1 - e) y + e y^2 of the throttle y.
+    """The expo e of the propellers' thrust curve (1 - e) y + e y^2, for the throttle y.
 
     Attributes
     ----------
     expo : float
-        As found; as assumed where it is not identifiable.
+        The estimate, or the assumed value if the expo is not identifiable.
     ci95 : tuple of float
+        The 95 % interval of the expo.
     assumed : float
-        With which the firmware flew.
+        The expo that the firmware used in flight.
     parameter : str
-        That sets it; empty where none does.
+        The parameter that sets it; empty if there is none.
     identifiable : bool
+        Whether this flight identifies the expo.
     reason : str
-        Why not.
+        Why it is not identifiable.
     corrected : bool
-        The models are fitted to the torque of the expo that was found.
+        Whether the models are fitted to the torque for the estimated expo.
     measured : bool
-        What was assumed is what the measured speeds of the rotors tell.
+        Whether the assumed expo was computed from measured rotor speeds.
     thrust_over_mean : ndarray, shape (n,)
-        Levels of thrust that were flown, over its mean while the vehicle was moved.
+        Flown levels of thrust, over the mean thrust during excitation.
     effectiveness : ndarray, shape (n,)
-        Effectiveness per unit of command there, over that at the mean; 1 throughout where the
-        firmware's curve is that of the propellers.
+        Effectiveness per unit of command at these levels, over that at the mean thrust. It is 1 throughout
+        if the firmware's curve is that of the propellers.
     effectiveness_ci95 : ndarray, shape (n, 2)
+        Its 95 % interval.
     """
 
     expo: float
@@ -667,53 +681,55 @@ class ThrustCurve:
     effectiveness_ci95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
-#: A response that departs from one gain, lag and delay by more than this is none of a rigid body with rotors.
+#: A response that departs more from one gain, lag and delay is not that of a rigid body with rotors.
 _MOST_DEPARTURE = 0.1
-#: A commanded acceleration of which a quarter is left does not follow from one equation: as of all fits.
+#: One equation does not describe a commanded acceleration of which a quarter is unexplained, as in all fits.
 _LEAST_COMMANDED_R2 = 0.75
-#: Beyond, a number is of no use to tune with, and what else may be wrong is as large.
+#: A wider interval is of no use for tuning, and other errors may be as large.
 _MOST_HALF_WIDTH = 0.2
-#: The ends of an interval are 4.4 dB apart then: a loop that is tuned for its middle keeps most of 6 dB.
+#: The ends of such an interval are 4.4 dB apart. A loop that is tuned for its middle keeps most of 6 dB.
 _WIDEST = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpectralFit:
-    """What the answers to commands alone tell of one axis, whatever the air did.
+    """Frequency-domain estimate of one axis from its response to commands, insensitive to disturbances.
 
     Attributes
     ----------
     mean : ndarray, shape (5,)
-        As of `Posterior`: effectiveness, damping, lag, delay, reaction; of the rates as the gyro shows them.
+        On-axis effectiveness [rad/s^2 per unit of torque], damping [1/s], lag [s], delay [s] and reaction of
+        the rotors [rad/s per unit of torque], for the rates that the gyro measures.
     covariance : ndarray, shape (5, 5)
+        Covariance of these five numbers.
     departure : float
-        Relative size (rms) of what the measured response has beside one gain, lag, delay and damping.
+        Relative rms by which the measured response departs from one gain, lag, delay and damping.
     commanded : float
-        Power of the torque that goes with what was commanded over that of all of it.
+        Fraction of the torque's power that is coherent with the commands.
     r2_commanded : float
-        Fraction of the commanded acceleration that the equation explains, each frequency over its noise.
+        R2 of the commanded acceleration; each frequency is weighted by the inverse of its noise.
     n_blocks : int
-        Half-overlapping segments of the flight that were compared.
+        Number of half-overlapping segments of the flight.
     half_width : float
-        Of the 95 % interval of the effectiveness, the gyro's scale included.
+        Half width of the 95 % interval of the effectiveness, including the scale error of the gyro.
     used : bool
-        The model's equation of this axis is this one.
+        Whether the model uses this estimate for the axis.
     alone : bool
-        A fit in time explains too little to stand beside it: commands tell this axis, or nothing does.
+        Whether this is the only possible estimate, because the fit in time explains too little.
     planned : bool
-        What was commanded is a planned trajectory. The torque of its controller follows the motion, and
-        explains it well whatever the effectiveness is.
+        Whether the command is a planned trajectory. The torque of its controller then follows the motion, and
+        explains it well for any effectiveness.
     repeated : bool
-        The planned trajectory is known by several flights that repeat it.
+        Whether the planned trajectory was obtained from several flights that repeat it.
     effects : tuple of Effect
-        What the flight shows beside a linear response, of which the estimate knows.
+        Detected deviations from a linear response, which the estimate includes.
     shift : float
-        How much larger, relative, the effectiveness is with them than without.
+        Relative increase of the effectiveness if these effects are included.
     variation : float
-        Root mean square by which the effectiveness comes and goes over the flight, relative to its mean.
+        Rms variation of the effectiveness over the flight, relative to its mean.
     by_effects : float
-        Half of the 95 % interval, relative, of what effects that are shown or left open make of an
-        effectiveness that knows of none, and of what departs from one lag, gain and damping.
+        Relative half width of the 95 % interval of the bias by effects, detected or possible, and by the
+        departure from one lag, gain and damping.
     """
 
     mean: FloatArray
@@ -734,12 +750,12 @@ class SpectralFit:
 
     @property
     def gain(self) -> float:
-        """Effectiveness [rad/s^2 per unit of torque]."""
+        """Control effectiveness [rad/s^2 per unit of torque]."""
         return float(self.mean[0])
 
     @property
     def follows_commands(self) -> bool:
-        """Whether it is a vehicle's response to commands, however wide its interval is."""
+        """Whether the axis responds to commands like a vehicle, for any width of the interval."""
         return bool(self.r2_commanded >= _LEAST_COMMANDED_R2)
 
     @property
@@ -749,28 +765,28 @@ class SpectralFit:
 
     @property
     def is_sound(self) -> bool:
-        """Whether the effectiveness is told: narrow, positive, and of a vehicle's response to commands."""
+        """Whether `is_of_use` holds, with an interval that is narrow enough for tuning."""
         return self.is_of_use and self.half_width <= _MOST_HALF_WIDTH * self.gain
 
     @property
     def is_of_use(self) -> bool:
-        """Whether the effectiveness is that of a vehicle's response to commands, and told to a quarter."""
+        """Whether the effectiveness is identified to a quarter, from a vehicle's response to commands."""
         described = self.is_described and self.follows_commands
         return described and 0.0 < self.half_width <= _WIDEST * self.gain
 
     @property
     def is_told(self) -> bool:
-        """Whether the model's equation of this axis is this one, and of use."""
+        """Whether the model uses this estimate and it is of use."""
         return self.used and self.is_of_use
 
     @property
     def is_known(self) -> bool:
-        """Whether it is a vehicle's response to commands with an effectiveness, to whatever width."""
+        """Whether the axis responds to commands like a vehicle, and the interval excludes zero."""
         return self.follows_commands and 0.0 < self.half_width < self.gain
 
     @property
     def tells_nothing(self) -> bool:
-        """Whether commands leave open that the torque has no effect at all."""
+        """Whether the 95 % interval of the effectiveness contains zero."""
         return not self.half_width < self.gain
 
 
@@ -778,11 +794,11 @@ class SpectralFit:
 class Identification:
     """All structures fitted to one flight, the recommended one first.
 
-    ``n_samples`` of the aligned flight were used: all but for very long flights. ``responses``
-    of roll, pitch and yaw are those to the rate setpoints where these serve as instruments,
-    else to the torque; empty where no segment is long enough. ``thrust_curve`` is None where
-    the torque was rebuilt from no assumed curve. ``only_yaw``: the log is too slow for anything else.
-    ``spectral`` of roll, pitch and yaw is empty where nothing tells what was commanded.
+    ``n_samples`` is the number of aligned samples used: all, except for very long flights. ``responses``
+    (roll, pitch, yaw) use the rate set-points as instruments if possible, else the torque. They are empty if
+    no segment is long enough. ``thrust_curve`` is None if no thrust curve was assumed. ``only_yaw`` means
+    that the sample rate of the log is sufficient for yaw only. ``spectral`` (roll, pitch, yaw) is empty if
+    the commands are not known. ``skipped`` says why nothing was identified.
     """
 
     models: tuple[Model, ...] = ()
@@ -796,7 +812,7 @@ class Identification:
 
     @property
     def recommended(self) -> Model | None:
-        """The model to use, None where nothing could be fitted."""
+        """The recommended model, None if no model could be fitted."""
         return next((model for model in self.models if model.recommended), None)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""Everything that `analyze` found, as one object: what a report is made of."""
+"""The result of `analyze` as one object: the content of the report."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from quadid_logs.vocabulary import ON_AXIS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PooledLog:
-    """One of several logs behind one model: its path and the seconds of it that were used.
+    """One log of a pooled analysis: its path and the length of its used data [s].
 
-    ``same_as`` is the path of a log before it that holds the same flights: then it adds nothing.
+    ``same_as`` is the path of an earlier log with the same flights; such a log adds nothing.
     """
 
     path: str
@@ -31,7 +31,7 @@ class PooledLog:
 
 
 class EarlierFlight(NamedTuple):
-    """An earlier log of the same vehicle: the axes that it told more of, and those that it contradicts."""
+    """An earlier log of the same vehicle: the axes that it narrows, and the axes that it contradicts."""
 
     path: str
     axes: tuple[str, ...]
@@ -40,11 +40,11 @@ class EarlierFlight(NamedTuple):
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, kw_only=True, eq=False)
 class Result:
-    """The chain's objects, one per stage, and the seconds that each stage took.
+    """The outputs of all stages of the analysis, and the time that each stage took [s].
 
-    ``pooled`` names the logs where the model is that of several; ``log`` is
-    then the first that flew. ``closed_loop`` is None where no controller is known; ``health`` is what the
-    log shows of its flight, None where nobody looked. ``earlier`` are the flights that narrowed its loops.
+    ``pooled`` lists the logs of a pooled analysis; ``log`` is then the first log with a flight.
+    ``closed_loop`` is None if the controller is not known. ``health`` holds the checks of the flight, None if
+    they were not made. ``earlier`` lists the earlier flights that narrowed the intervals of the loops.
 
     Examples
     --------
@@ -68,13 +68,13 @@ class Result:
 
     @property
     def name(self) -> str:
-        """Name of the log, with the number of others where several were pooled."""
+        """Name of the log, with the number of further logs in a pooled analysis."""
         own = PurePath(self.log.path).name
         return f"{own} and {len(self.pooled) - 1} more" if self.pooled else own
 
     @property
     def verdict(self) -> dict[str, Verdict]:
-        """By axis: "usable", "caution" or "refused"."""
+        """Verdict of each axis: "usable", "caution" or "refused"."""
         return {axis: found.verdict for axis, found in self.diagnosis.axes.items()}
 
     def __repr__(self) -> str:
