@@ -1,4 +1,4 @@
-"""Moment of inertia from a bifilar swing: a vehicle that turns to and fro on two strings, by its gyro."""
+"""Moment of inertia from a bifilar swing: a vehicle that rotates to and fro on two strings, by its gyro."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.random_effect import random_effect_mean
 from quadid_logs.vocabulary import AXES, GRAVITY_M_S2
 
-#: On Earth's surface gravity differs by up to this from the standard (9.780 to 9.832 m/s^2).
+#: Largest relative difference of gravity on Earth's surface from the standard (9.780 to 9.832 m/s^2).
 _GRAVITY_HALF_WIDTH = 0.0027
-#: What a ruler and a kitchen scale leave open: half of the 95 % interval [m], and of the mass.
+#: Accuracy of a ruler [m] and of a kitchen scale (relative): half widths of 95 % intervals.
 _LENGTH_HALF_WIDTH_M = 0.001
 _MASS_HALF_WIDTH = 0.005
 #: Strings of 5 cm to 10 m and any vehicle swing in this range [Hz].
 _SLOWEST_HZ, _FASTEST_HZ = 0.05, 5.0
-#: A period is known to a thousandth from five swings of a gyro whose noise is a hundredth of them.
+#: Five swings give the period to a thousandth, if the gyro noise is a hundredth of their size.
 _FEWEST_PERIODS = 5
-#: The first period has the hand that let go in it; below a tenth of the first amplitude a swing tells little.
+#: The hand that lets go disturbs the first period. Below a tenth of the first amplitude, noise dominates.
 _SETTLING_PERIODS, _FAINTEST = 1.0, 0.1
 #: A swing that grows by more than this was pushed.
 _PUSHED = 1.15
-#: Weaker than this against the strongest, it is no swing of its own.
+#: A swing weaker than this, relative to the strongest, is not counted.
 _LEAST_PUSH = 0.3
-#: The fit explains nearly all of a swing that is one; a walk or a flight leaves more of the power than this.
+#: A fit of a true swing leaves less of the power unexplained than this; of a walk or a flight, more.
 _MOST_LEFT = 0.05
-#: Beyond, strings go slack or hit each other [rad].
+#: At larger angles, strings go slack or hit each other [rad].
 _MOST_AMPLITUDE = math.radians(100.0)
-#: Of air at 15 degrees Celsius and sea level (ISO 2533) [kg/m^3].
+#: Air density at 15 degrees Celsius and sea level (ISO 2533) [kg/m^3].
 _AIR_KG_M3 = 1.225
 _MOST_RATE_HZ = 200.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bifilar:
-    """How the vehicle hangs: its mass [kg], the length of both strings and their distance [m].
+    """The suspension: mass of the vehicle [kg], length of the two strings and distance between them [m].
 
-    The half widths are those of 95 % intervals; NaN of the mass takes half a per cent. ``span_m`` is the
-    largest dimension across the axis, 0 to leave out the air that swings along.
+    The half widths are those of 95 % intervals, in the unit of the quantity. NaN for the mass means half a
+    per cent. ``span_m`` is the largest dimension across the axis [m]; 0 omits the inertia of moving air.
 
     Examples
     --------
@@ -83,7 +83,7 @@ class Bifilar:
 
     @property
     def relative_half_width(self) -> float:
-        """Half of the 95 % interval of I by mass, strings and gravity, over I = m g d^2 / (4 h omega^2)."""
+        """Relative half width of the 95 % interval of m g d^2 / (4 h omega^2) by mass, strings and gravity."""
         mass = (
             self.mass_half_width_kg
             if math.isfinite(self.mass_half_width_kg)
@@ -104,17 +104,19 @@ class Run:
     Attributes
     ----------
     start_s, end_s : float
-        On the log's clock.
+        Start and end on the log's clock [s].
     period_s : float
-        Of the smallest swings, without damping; ``period_half_width_s`` half of its 95 % interval.
+        Period for small amplitudes without damping [s].
+    period_half_width_s : float
+        Half of the 95 % interval of the period [s].
     amplitude_deg : float
-        Of the first one that was used.
+        Amplitude of the first oscillation used [deg].
     linear_1_s, quadratic : float
-        The rate decays as d(rate)/dt = -linear rate - quadratic rate |rate| [1/s, 1/rad].
+        Damping: the rate decays as d(rate)/dt = -linear rate - quadratic rate |rate| [1/s, 1/rad].
     fraction_left : float
-        Of the power, what the fit does not explain.
+        Fraction of the power that the fit does not explain.
     moment_kg_m2, half_width_kg_m2 : float
-        By this run, with its half width by the period alone.
+        Moment of inertia from this run, and half of its 95 % interval by the error of the period [kg m^2].
     """
 
     start_s: float
@@ -131,9 +133,11 @@ class Run:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Swing:
-    """Moment of inertia about the axis that hung vertically.
+    """Moment of inertia [kg m^2] about the body axis that was vertical, with its 95 % interval ``ci95``.
 
-    ``ci95`` reaches lower than it reaches higher where air swung along (`air_kg_m2`, at most so much).
+    ``air_kg_m2`` is the largest possible inertia of air that moved with the vehicle. It makes ``ci95``
+    asymmetric, with the longer side below the estimate. ``runs`` holds the swings, ``source`` names the gyro
+    signal, and ``rate_hz`` is its sample rate [Hz].
     """
 
     axis: str
@@ -153,13 +157,13 @@ def swing(
     Parameters
     ----------
     log : FlightLog
-        With the gyro's rates while it swings.
+        A log with gyro rates during the swing.
     hung : Bifilar
-        How it hangs.
+        The suspension.
     axis : str
-        "roll", "pitch" or "yaw": the body axis that is vertical; "" takes the one that turns most.
+        "roll", "pitch" or "yaw": the vertical body axis. "" takes the axis with the largest rotation.
     start_s, end_s : float
-        The part of the log to look at, on its clock [s].
+        The part of the log to use, on its clock [s].
 
     Returns
     -------
@@ -174,10 +178,10 @@ def swing(
 
     Notes
     -----
-    A vehicle of mass m on strings of length h at distance d that turns by theta rises by
-    h - sqrt(h^2 - d^2 sin^2(theta/2)). For small angles it swings with I = m g d^2 / (4 h omega^2); at larger
-    ones the period follows from the energy (by quadrature, the rise and its speed in it). Amplitude and phase
-    follow from damping by averaging: linear and quadratic in the rate (M. Jardin and E. Mueller, "Optimized
+    A vehicle of mass m hangs on strings of length h at distance d. Rotated by theta, it rises by
+    h - sqrt(h^2 - d^2 sin^2(theta/2)). For small angles, I = m g d^2 / (4 h omega^2). For larger angles, the
+    period follows from the energy by quadrature, including the kinetic energy of the rise. Damping is linear
+    and quadratic in the rate; averaging gives amplitude and phase (M. Jardin and E. Mueller, "Optimized
     measurements of UAV mass moment of inertia with a bifilar pendulum", AIAA 2007-6822).
 
     Examples
@@ -214,10 +218,10 @@ def swing(
             "The chosen part of the log has no body rates.",
             hint="Give --start-s and --end-s on the log's clock: `quadid-log info LOG` shows it.",
         )
-    # The axis that turns most.
+    # The axis with the largest rotation.
     number = AXES.index(axis) if axis else int(np.argmax(np.var(series.values, axis=0)))
     time_s, rate = _uniform(series, number)
-    # The frequency of the strongest line where strings swing a vehicle.
+    # The frequency of the strongest line, in the range of bifilar swings.
     n = time_s.size
     power = np.abs(np.fft.rfft((rate - rate.mean()) * np.hanning(n), 4 * n)) ** 2
     line_hz = np.fft.rfftfreq(4 * n, time_s[1] - time_s[0])
@@ -241,9 +245,9 @@ def swing(
         np.array([each.moment_kg_m2 for each in runs]), np.array([each.half_width_kg_m2 for each in runs])
     )
     half = math.hypot(mean.half_width, hung.relative_half_width * mean.value)
-    # The moment of inertia of air that swings along, at most. A flat disc that turns about its diameter moves
-    # 16/45 rho a^5 (H. Lamb, Hydrodynamics, article 108), and a vehicle with rotors in a plane less; one that
-    # turns in that plane, as in yaw, moves none.
+    # The largest possible inertia of moving air. A flat disc that rotates about its diameter moves
+    # 16/45 rho a^5 (H. Lamb, Hydrodynamics, article 108), a vehicle with rotors in a plane less. Rotation in
+    # that plane, as in yaw, moves no air.
     air = 0.0 if AXES[number] == "yaw" else 16.0 / 45.0 * _AIR_KG_M3 * (0.5 * hung.span_m) ** 5
     return Swing(
         axis=AXES[number],
@@ -257,7 +261,7 @@ def swing(
 
 
 def _uniform(series: CleanSeries, axis: int) -> tuple[FloatArray, FloatArray]:
-    """Return times and one rate on a uniform grid of at most 200 Hz; gaps are bridged by lines."""
+    """Return times and one rate on a uniform grid of at most 200 Hz; gaps are interpolated linearly."""
     period_s = max(series.period_s, 1.0 / _MOST_RATE_HZ)
     n = int((series.time_s[-1] - series.time_s[0]) / period_s) + 1
     if not 8 <= n <= 10 * max(series.n_samples, 1000):
@@ -265,7 +269,7 @@ def _uniform(series: CleanSeries, axis: int) -> tuple[FloatArray, FloatArray]:
     time_s = series.time_s[0] + period_s * np.arange(n)
     values = series.values[:, axis]
     if series.period_s < period_s:
-        # A mean over each step of the grid: nothing above half its rate is folded down.
+        # A mean over each step of the grid prevents aliasing.
         total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(series.time_s))])
         ends = np.interp([time_s - 0.5 * period_s, time_s + 0.5 * period_s], series.time_s, total)
         width = np.diff(
@@ -276,20 +280,20 @@ def _uniform(series: CleanSeries, axis: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _spans(time_s: FloatArray, rate: FloatArray, frequency_hz: float) -> Iterator[tuple[int, int]]:
-    """Yield first and last sample of each swing: from after a push to the next one, or until it is faint."""
+    """Yield first and last sample of each swing, which ends at the next push or when it is too weak."""
     step_s = float(time_s[1] - time_s[0])
     n_period = max(2, round(1.0 / (frequency_hz * step_s)))
     if time_s.size < _FEWEST_PERIODS * n_period:
         return
-    # The size of a swing at each sample: of rates near its frequency, without their phase. The log is
-    # followed by its mirror image, so that its end does not meet the push at its start.
+    # The envelope of the rates near the swing's frequency. The log is extended by its mirror image, so that
+    # its end does not meet the push at its start.
     spectrum = np.fft.fft(np.concatenate([rate, rate[::-1]]) - rate.mean())
     frequency = np.fft.fftfreq(2 * rate.size, step_s)
     kept = (frequency > frequency_hz / 1.5) & (frequency < frequency_hz * 1.5)
     size = np.asarray(np.abs(np.fft.ifft(2.0 * spectrum * kept))[: rate.size])
     first = 0
     while first < size.size:
-        # The next push: the highest point before the swing has died away, not the beginning of its rise.
+        # The next push is the highest point of the rise, not its beginning.
         strong = np.flatnonzero(size[first:] >= _LEAST_PUSH * size.max())
         if not strong.size:
             return
@@ -304,7 +308,7 @@ def _spans(time_s: FloatArray, rate: FloatArray, frequency_hz: float) -> Iterato
         low = np.minimum.accumulate(after)
         ended = np.flatnonzero((after > _PUSHED * low) | (after < _FAINTEST * after[0]))
         end = start + (int(ended[0]) if ended.size else after.size)
-        # The envelope of the last period before a push has some of the push in it.
+        # A push affects the envelope in the period before it.
         end = end - n_period if ended.size else end
         if end - start >= _FEWEST_PERIODS * n_period:
             yield start, end
@@ -314,7 +318,7 @@ def _spans(time_s: FloatArray, rate: FloatArray, frequency_hz: float) -> Iterato
 def _fitted(
     time_s: FloatArray, rate: FloatArray, frequency_hz: float, span: tuple[int, int], hung: Bifilar
 ) -> Run | None:
-    """Return the fit of one swing, None where it has no end."""
+    """Return the fit of one swing, None if it does not converge."""
     from scipy.optimize import least_squares
 
     rows = slice(*span)
@@ -327,7 +331,7 @@ def _fitted(
     amplitude = min(size / omega, 0.9 * _MOST_AMPLITUDE)
     if not amplitude > 0.0:
         return None
-    # omega and the amplitudes by their logarithms, the others as they are: all of about one size.
+    # omega and amplitudes as logarithms, so that all unknowns have a similar size.
     start = np.array([0.0, math.log(amplitude), float(np.angle(turned)), 0.02, 0.02, 0.0])
 
     def left(unknowns: FloatArray) -> FloatArray:
@@ -366,7 +370,7 @@ def _fitted(
 
 
 def _deviation(slopes: FloatArray, left: FloatArray, n_block: int) -> float:
-    """Return the standard deviation of the first unknown; what a fit leaves is alike within a period."""
+    """Return the standard deviation of the first unknown; residuals are correlated within a period."""
     n = left.size // n_block * n_block
     scores = (slopes[:n] * left[:n, np.newaxis]).reshape(-1, n_block, slopes.shape[1]).sum(axis=1)
     bread = np.linalg.pinv(slopes.T @ slopes)
@@ -376,9 +380,9 @@ def _deviation(slopes: FloatArray, left: FloatArray, n_block: int) -> float:
 
 
 def _modelled(unknowns: FloatArray, since_s: FloatArray, omega: float, hung: Bifilar) -> FloatArray:
-    """Return the rate of a swing.
+    """Return the modelled rate of a swing.
 
-    Unknowns are ln(omega/given), ln(amplitude), phase, linear and quadratic damping, bias.
+    The unknowns are ln(omega/given), ln(amplitude), phase, linear and quadratic damping, and bias.
     """
     change, log_amplitude, phase, linear, quadratic, bias = unknowns.tolist()
     own = omega * math.exp(change)
@@ -396,8 +400,8 @@ def _modelled(unknowns: FloatArray, since_s: FloatArray, omega: float, hung: Bif
 def _frequency_ratio(amplitude: FloatArray, omega: float, hung: Bifilar) -> FloatArray:
     """Return the frequency at an amplitude [rad] over that of the smallest swings.
 
-    By the energy: d(theta)/dt = sqrt(2 m g (z(a) - z(theta)) / (I + m z'(theta)^2)), with theta = a sin(x) so
-    that the integrand is smooth, by the midpoint rule, which is exact to rounding for a periodic one.
+    Energy gives d(theta)/dt = sqrt(2 m g (z(a) - z(theta)) / (I + m z'(theta)^2)). With theta = a sin(x) the
+    integrand is smooth and periodic, so that the midpoint rule is exact to rounding.
     """
     grid = np.linspace(0.0, max(float(amplitude.max()), 1e-3), 24)[1:]
     phase = (np.arange(24) + 0.5) * math.pi / 48.0

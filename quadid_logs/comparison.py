@@ -1,4 +1,4 @@
-"""Two results -> Comparison: whether the vehicle changed by more than the two flights can leave open."""
+"""Comparison of two flights: whether the vehicle changed significantly."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from quadid_logs.vocabulary import (
 )
 
 AxisChange = Literal["same", "changed", "not comparable"]
-#: Of the verb, for scripts.
+#: Exit codes of the verb, for scripts.
 EXIT_CODES: Final[Mapping[AxisChange, int]] = MappingProxyType({"same": 0, "changed": 1, "not comparable": 3})
 
-#: Of two unchanged vehicles, this fraction is called changed by chance, over all quantities together.
+#: Probability of a false "changed" for an unchanged vehicle, over all quantities together.
 _FALSE_ALARMS = 0.05
 #: Spread between flights of one vehicle, measured as in `control.next_flight`: couplings change by up to
 #: 0.3 % of the larger of the two on-axis effectivenesses (and half a degree in the mounting of a gyro makes
@@ -52,13 +52,12 @@ _THRUST_POWER = 1.0
 class Quantity:
     """One number of the model in both flights.
 
-    ``axis`` is "" for what belongs to all; ``ci95`` are the intervals of the
-    two values, ``spread`` is what differs between flights of one vehicle, and
-    ``margin`` the least difference that counts as a change. ``scale`` is what
-    a difference is a fraction of, the value called ``scale_name``. ``is_on_axis``
-    marks how an axis answers to the torque about it. ``words`` and ``scale_words``
-    are what people call the two. ``throttle_change`` is by what fraction of itself the mean throttle
-    differed, and ``throttle_spread`` what that alone may make of the value, in `unit`: 0 where nothing.
+    ``axis`` is "" for lag and delay, which all axes share. ``ci95_before`` and ``ci95_after`` are the 95 %
+    intervals. ``spread`` is the typical difference between flights of one vehicle, ``margin`` the smallest
+    difference that counts as a change; both are in `unit`. Differences are stated as a fraction of ``scale``,
+    the value of the parameter ``scale_name``. ``is_on_axis`` marks the effectiveness of an axis for the
+    torque about it. ``words`` and ``scale_words`` name the two in plain words. ``throttle_change`` is the
+    relative change of the mean throttle, ``throttle_spread`` its possible effect on the value, in `unit`.
     """
 
     name: str
@@ -85,12 +84,12 @@ class Quantity:
 
     @property
     def changed(self) -> bool:
-        """Whether the difference is more than chance."""
+        """Whether the difference is significant."""
         return abs(self.difference) > self.margin
 
 
 class ParameterDifference(NamedTuple):
-    """A parameter of the autopilot that both logs hold, with different values at their ends.
+    """A parameter of the autopilot with different values at the ends of the two logs.
 
     Untrusted: escape the name before showing.
     """
@@ -102,20 +101,22 @@ class ParameterDifference(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Comparison:
-    """What changed between two flights.
+    """The changes of a vehicle between two flights.
 
     Attributes
     ----------
     structure : str
-        The structure that both values come from, "" where nothing could be compared.
+        Structure of both models; "" if nothing could be compared.
     quantities : tuple of Quantity
+        The numbers that were compared.
     axes : mapping of str to AxisChange
+        Verdict by axis.
     reasons : mapping of str to str
-        By axis that could not be compared: why.
+        Why an axis could not be compared, by axis.
     advice : tuple of str
-        What to set or fly so that it can.
+        What to set or fly so that such an axis can be compared.
     parameters : tuple of ParameterDifference
-        The parameters of the autopilot that differ, by name, without its calibrations and counters.
+        Autopilot parameters that differ, sorted by name, without calibrations and counters.
     """
 
     structure: str
@@ -127,7 +128,7 @@ class Comparison:
 
     @property
     def verdict(self) -> AxisChange:
-        """Say "changed" if anything did, "same" if every axis was compared and none did."""
+        """Verdict: "changed" if anything changed, "same" if every axis was compared and none changed."""
         if any(quantity.changed for quantity in self.quantities):
             return "changed"
         return "same" if set(self.axes.values()) == {"same"} else "not comparable"
@@ -147,14 +148,13 @@ class Comparison:
 def compare(before: Result, after: Result) -> Comparison:
     """Compare the models of two flights.
 
-    Compared are the gains B, the rate damping in A, lag and delay. A quantity
-    has changed if its two values differ by more than the root sum square of
-    their 95 % half-widths, widened by Bonferroni's correction for the number
-    of quantities [1]_ (with fourteen of them, the plain intervals would call
-    every other unchanged vehicle changed), and of what differs between flights
-    of one vehicle. Yaw is also given what another mean throttle can make of it, roll and pitch
-    where the firmware does not undo the thrust curve.
-    The rest of A (couplings, tilt, trim) depends on wind and manoeuvre and says nothing about a change.
+    The test covers the control effectiveness B, the rate damping in A, lag and delay. A quantity has changed
+    if the difference of its values exceeds a margin: the root sum square of both 95 % half widths and of the
+    typical difference between flights of one vehicle. The half widths are widened by Bonferroni's correction
+    for the number of quantities [1]_. Without it, with fourteen quantities, every other unchanged vehicle
+    would count as changed. For yaw, the margin includes the possible effect of another mean throttle; for
+    roll and pitch too, if the firmware does not compensate the thrust curve. The rest of A (couplings, tilt,
+    trim) depends on wind and manoeuvre, and is not tested.
 
     Parameters
     ----------
@@ -163,8 +163,7 @@ def compare(before: Result, after: Result) -> Comparison:
     Returns
     -------
     Comparison
-        Only axes whose gain both flights know are compared, and only entries
-        of A and B that both identify.
+        Contains axes whose effectiveness both flights identify, and elements of A and B that both identify.
 
     Examples
     --------
@@ -224,7 +223,7 @@ def compare(before: Result, after: Result) -> Comparison:
 
 
 def _differing(before: FlightLog, after: FlightLog) -> Iterator[ParameterDifference]:
-    """Yield what differs between the parameters of two logs of one autopilot."""
+    """Yield the differences between the parameters of two logs of one autopilot."""
     if before.autopilot != after.autopilot:
         return
     left_out = advice_for(before.autopilot).not_set_by_hand
@@ -236,7 +235,7 @@ def _differing(before: FlightLog, after: FlightLog) -> Iterator[ParameterDiffere
 
 
 def _obstacle(both: tuple[Result, Result], axis: str) -> str:
-    """Say why an axis cannot be compared, "" if it can."""
+    """Return why an axis cannot be compared, "" if it can."""
     unknown = [why_unknown(result, axis) for result in both]
     if all(unknown) and unknown[0] == unknown[1]:
         return f"in both flights {unknown[0]}"
@@ -256,7 +255,7 @@ def _obstacle(both: tuple[Result, Result], axis: str) -> str:
 
 
 def why_unknown(result: Result, axis: str) -> str:
-    """Say why a flight does not tell the gain of an axis.
+    """Return why a flight does not identify the effectiveness of an axis.
 
     Parameters
     ----------
@@ -266,7 +265,7 @@ def why_unknown(result: Result, axis: str) -> str:
     Returns
     -------
     str
-        "" if it does.
+        The reason; "" if the effectiveness is identified.
     """
     verdict = result.diagnosis.axes.get(axis)
     model = result.identification.recommended
@@ -284,7 +283,7 @@ def _spoken(unit: str) -> str:
 
 
 def _models(before: Result, after: Result) -> tuple[Model | None, Model | None]:
-    """Return the models of one structure: that recommended for the first flight, else for the second."""
+    """Return both models of one structure: that recommended for the first flight, else for the second."""
     for result in (before, after):
         recommended = result.identification.recommended
         if recommended is None:
@@ -302,7 +301,7 @@ def _models(before: Result, after: Result) -> tuple[Model | None, Model | None]:
 
 
 def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iterator[Quantity]:
-    """Yield gains and damping that both models know, of axes without an obstacle."""
+    """Yield effectiveness and damping that both models identify, for axes without an obstacle."""
     before, after = first.entries, second.entries
     for number, axis in enumerate(AXES):
         target, rate = ACCELERATION_SYMBOLS[number], RATE_SYMBOLS[number]
@@ -337,7 +336,7 @@ def _parameters(first: Model, second: Model, reasons: Mapping[str, str]) -> Iter
 
 
 def throttle_powers(results: Sequence[Result]) -> Mapping[str, float]:
-    """Return by axis with which power of the throttle the effectiveness may grow.
+    """Return, by axis, the largest power of the throttle that the effectiveness may grow with.
 
     Parameters
     ----------
@@ -355,44 +354,45 @@ def throttle_powers(results: Sequence[Result]) -> Mapping[str, float]:
 
 
 def yaw_by_throttle(effectiveness: FloatArray | float, ratio: FloatArray | float) -> FloatArray:
-    """Return what another mean throttle alone may make of the yaw effectiveness.
+    """Return the largest change of the yaw effectiveness by another mean throttle.
 
     Parameters
     ----------
     effectiveness : ndarray or float
-        At one throttle.
+        Effectiveness at one throttle.
     ratio : ndarray or float
         The other throttle, as a fraction of that one.
 
     Returns
     -------
     ndarray
-        In the unit of `effectiveness`, not negative.
+        Change in the unit of `effectiveness`, not negative.
     """
     return by_throttle(effectiveness, ratio, _YAW_POWER)
 
 
 def by_throttle(value: FloatArray | float, ratio: FloatArray | float, power: float) -> FloatArray:
-    """Return what a ratio of throttles may make of a value that grows with a power of it, up or down.
+    """Return the largest change, up or down, of a value that grows with a power of the throttle.
 
     Parameters
     ----------
     value : ndarray or float
-        At one throttle.
+        Value at one throttle.
     ratio : ndarray or float
         The other throttle, as a fraction of that one.
     power : float
+        Exponent of the throttle.
 
     Returns
     -------
     ndarray
-        In the unit of ``value``, not negative.
+        Change in the unit of ``value``, not negative.
     """
     return np.asarray((np.maximum(ratio, np.divide(1.0, ratio)) ** power - 1.0) * np.abs(value))
 
 
 def _known(parameter: Parameter) -> bool:
-    """Return whether a value has an interval, and the flight tells it."""
+    """Return whether a parameter is identifiable, with a finite interval."""
     bounded = all(math.isfinite(value) for value in (parameter.value, *parameter.ci95))
     return bounded and parameter.identifiable
 
@@ -422,7 +422,7 @@ def _actuators(first: Model, second: Model) -> Iterator[Quantity]:
 
 
 def _widening(n_quantities: int) -> float:
-    """Return by how much Bonferroni's correction widens a 95 % interval.
+    """Return the factor by which Bonferroni's correction widens a 95 % interval.
 
     >>> round(_widening(1), 3), round(_widening(20), 2)
     (1.0, 1.54)

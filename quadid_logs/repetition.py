@@ -1,4 +1,4 @@
-"""Results of several flights -> Repeatability: whether flights of one vehicle in one state agree."""
+"""Repeatability of several flights: whether flights of one vehicle in one state agree."""
 
 from __future__ import annotations
 
@@ -28,22 +28,23 @@ from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYM
 Agreement = Literal["agree", "differ", "not comparable"]
 Kind = Literal["effectiveness", "damping", "lag", "delay"]
 
-#: Of flights that are alike, this fraction is called different by chance, over all pairs and quantities.
+#: Probability of a false difference between equal flights, over all pairs and quantities.
 _FALSE_ALARMS = 0.05
-#: Of two flights that differ, nothing tells which one is the outlier.
+#: With two flights that differ, the outlier cannot be determined.
 _FEWEST_OTHERS = 2
-#: From here on an interval of the effectiveness reaches zero, and its value has no sign.
+#: With this relative half width, the interval of the effectiveness reaches zero and its sign is unknown.
 _WIDEST = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightEstimate:
-    """What one flight tells of a quantity.
+    """The estimate of a quantity from one flight.
 
-    ``flight`` is its place among the logs, ``half_width`` half of its own 95 % interval, ``allowed`` the same
-    with what is known to differ between flights of one vehicle: air, and another throttle.
-    ``predicted`` is what the other flights say of it, with half of the 95 % interval, this flight's own error
-    and the difference between flights in it; NaN and infinite where fewer than two others tell it.
+    ``flight`` is the index of the log. ``half_width`` is half of the estimate's 95 % interval; ``allowed`` is
+    the same including the typical differences between flights of one vehicle (air, throttle). ``predicted``
+    is the prediction from the other flights, ``predicted_half_width`` half of its 95 % interval, including the
+    error of this flight and the difference between flights. The two are NaN and infinite if fewer than two
+    other flights give the quantity.
     """
 
     flight: int
@@ -55,7 +56,7 @@ class FlightEstimate:
 
     @property
     def held(self) -> bool | None:
-        """Whether the interval from the other flights holds this one; None where there is none."""
+        """Whether the interval predicted from the other flights contains this value; None without one."""
         if not math.isfinite(self.predicted_half_width):
             return None
         return abs(self.value - self.predicted) <= self.predicted_half_width
@@ -63,7 +64,7 @@ class FlightEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """Two flights: difference over its standard deviation, and p-value by Holm over all pairs."""
+    """Two flights: difference over its standard deviation, and p-value corrected over all pairs (Holm)."""
 
     flights: tuple[int, int]
     z: float
@@ -71,7 +72,7 @@ class Pair:
 
     @property
     def differs(self) -> bool:
-        """Whether the difference is more than chance."""
+        """Whether the difference is significant."""
         return self.p_value < _FALSE_ALARMS
 
 
@@ -79,7 +80,8 @@ class Pair:
 class Outlier:
     """A flight that differs from the others, which agree among themselves.
 
-    ``difference`` is in the unit of the quantity; the p-value is by Holm over all flights and quantities.
+    ``difference`` is in the unit of the quantity. ``p_value`` is corrected over all flights and quantities
+    (Holm).
     """
 
     flight: int
@@ -89,19 +91,22 @@ class Outlier:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepeatedQuantity:
-    """One number of the model over all flights that tell it.
+    """One number of the model in all flights that identify it.
 
     Attributes
     ----------
     name, kind, axis, unit, words : str
-        ``axis`` is "" for lag and delay, which belong to all.
+        ``axis`` is "" for lag and delay, which all axes share.
     estimates : tuple of FlightEstimate
+        Estimates by flight.
     mean : RandomEffectMean
-        With the standard deviation between flights.
+        Mean over the flights, with the standard deviation between flights.
     p_value : float
-        Of all flights being of one value, by Cochran's test.
+        P-value of Cochran's test that all flights have one value.
     pairs : tuple of Pair
+        Tests of pairs of flights.
     outliers : tuple of Outlier
+        Flights that differ from the others.
     """
 
     name: str
@@ -117,29 +122,30 @@ class RepeatedQuantity:
 
     @property
     def differs(self) -> bool:
-        """Whether two flights, or one and the others, differ by more than chance."""
+        """Whether two flights, or one flight and the others, differ significantly."""
         return bool(self.outliers) or any(pair.differs for pair in self.pairs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Repeatability:
-    """Whether flights agree.
+    """The agreement of several flights.
 
     Attributes
     ----------
     flights : tuple of str
-        Paths of the logs, in the order in which they were given.
+        Paths of the logs, in the given order.
     structure : str
-        The structure that all values come from, "" where there is none.
+        Structure of all models; "" if there is none.
     quantities : tuple of RepeatedQuantity
-        Those that two flights or more tell.
+        Quantities that at least two flights identify.
     axes : mapping of str to Agreement
+        Verdict by axis.
     reasons : tuple of mapping of str to str
-        Of each flight, by axis: why it tells nothing of it.
+        For each flight, by axis: why the axis is not identified.
     strangers : mapping of int to str
-        Flights whose logs say that they are of another vehicle, and what says so.
+        Index of each flight whose log names another vehicle, and the evidence. Untrusted text.
     advice : tuple of str
-        What to set or fly so that more flights tell.
+        What to set or fly so that more flights can be compared.
     """
 
     flights: tuple[str, ...]
@@ -152,14 +158,14 @@ class Repeatability:
 
     @property
     def verdict(self) -> Agreement:
-        """Say "differ" if anything does, "agree" if every axis was compared and none does."""
+        """Verdict: "differ" if anything differs, "agree" if every axis was compared and none differs."""
         if self.strangers or any(quantity.differs for quantity in self.quantities):
             return "differ"
         return "agree" if set(self.axes.values()) == {"agree"} else "not comparable"
 
     @property
     def left_out(self) -> tuple[int, int]:
-        """Return how many predictions from the other flights held the one left out, and of how many."""
+        """Number of estimates inside the interval predicted from the others, and number of predictions."""
         held = [one.held for each in self.quantities for one in each.estimates if one.held is not None]
         return sum(held), len(held)
 
@@ -170,27 +176,27 @@ class Repeatability:
 
 
 def repeat(results: Sequence[Result]) -> Repeatability:
-    """Ask whether several flights of one vehicle in one state agree.
+    """Test whether several flights of one vehicle in one state agree.
 
     Parameters
     ----------
     results : sequence of Result
-        Two or more. A flight that is given twice counts once.
+        Two or more results. A flight that is given twice counts once.
 
     Raises
     ------
     SettingsError
-        If there are fewer than two results, or their torque is not the same quantity.
+        If there are fewer than two results, or their torques are not the same quantity.
 
     Notes
     -----
-    A pair differs if the difference of its two values, over the root sum square of their standard deviations,
-    is more than chance makes of the largest of all pairs and quantities (Holm). A flight is an outlier if it
-    differs so from the mean of the others, the spread among these allowed for, while no two of them differ.
-    Each flight is predicted from the others: their mean, the standard deviation between them, and the
-    flight's own error (`quadid_logs.maths.random_effect.random_effect_mean`). Damping, lag and delay are
-    allowed what they are known to differ by between flights of one vehicle, and the effectiveness what
-    another mean throttle can make of it, as in `quadid_logs.comparison.compare`.
+    The statistic of a pair is the difference of its values over the root sum square of their standard
+    deviations. Holm's correction covers all pairs and quantities. A flight is an outlier if it differs
+    significantly from the mean of the others, allowing for their spread, while no two of these differ. Each
+    flight is predicted from the others: from their mean, the standard deviation between flights, and the
+    flight's own error (`quadid_logs.maths.random_effect.random_effect_mean`). The intervals of damping, lag
+    and delay include their typical differences between flights of one vehicle. The interval of the
+    effectiveness includes the possible effect of the throttle, as in `quadid_logs.comparison.compare`.
 
     Examples
     --------
@@ -199,7 +205,7 @@ def repeat(results: Sequence[Result]) -> Repeatability:
     >>> quadid_logs.repeat([r, r]).verdict
     'not comparable'
     """
-    # Refuse what cannot be held against each other.
+    # Refuse flights that cannot be compared.
     if len(results) < 2:
         raise SettingsError(
             "One flight cannot be compared with itself.", hint="Name two logs or more of one vehicle."
@@ -216,12 +222,12 @@ def repeat(results: Sequence[Result]) -> Repeatability:
             "Commands of different autopilots have different units.",
             hint="Describe the vehicle with --vehicle.",
         )
-    # The structure that is recommended most often, the first one where several are.
+    # The structure that is recommended most often; the first of several.
     recommended = [result.identification.recommended for result in results]
     names = Counter(model.structure for model in recommended if model is not None)
     structure = names.most_common(1)[0][0] if names else ""
     same = copies([result.data for result in results])
-    # By axis why a flight does not tell its effectiveness.
+    # By axis, why a flight does not identify the effectiveness.
     reasons = tuple(
         dict.fromkeys(AXES, f"it repeats the flight of log {same[place] + 1}")
         if place in same
@@ -259,9 +265,9 @@ def _model(result: Result, structure: str) -> Model | None:
 
 
 def _why_unknown(result: Result, structure: str, axis: str) -> str:
-    """Say why a flight does not tell the effectiveness of an axis, "" if it does.
+    """Return why a flight does not identify the effectiveness of an axis, "" if it does.
 
-    An interval may be as wide as it likes below one value: it counts for as little.
+    A wide interval is accepted as long as it excludes zero: its weight is small.
     """
     verdict, model = result.diagnosis.axes.get(axis), _model(result, structure)
     if verdict is None or verdict.verdict == "refused" or model is None:
@@ -279,15 +285,15 @@ def _half_width(ci95: tuple[float, float]) -> float:
 def _quantities(
     results: Sequence[Result], structure: str, reasons: Sequence[Mapping[str, str]]
 ) -> Iterator[RepeatedQuantity]:
-    """Yield what the flights tell: effectiveness and damping by axis, lag and delay."""
+    """Yield effectiveness and damping by axis, lag and delay."""
     models = [_model(result, structure) for result in results]
-    # The mean throttle of each flight over that of the middle one; 1 where it is not told.
+    # The mean throttle of each flight over the median of the flights; 1 if not known.
     means = np.array([result.data.mean_throttle for result in results])
     told = means > 0.0
     ratio = np.where(told, means / np.median(means[told]), 1.0) if told.any() else np.ones(means.size)
     for axis, power in throttle_powers(results).items():
         trusted = [None if axis in why else model for why, model in zip(reasons, models, strict=True)]
-        # What the throttle alone may make of each effectiveness, of 1.
+        # The possible relative effect of the throttle on each effectiveness.
         by_throttle = np.maximum(ratio, 1.0 / ratio) ** power - 1.0
         on_axis = _told(trusted, ON_AXIS[axis])
         estimates = [
@@ -296,7 +302,7 @@ def _quantities(
         ]
         yield _quantity("effectiveness", axis, *_words(on_axis), estimates)
         yield _damping(axis, trusted)
-    # Where no axis of a flight is to be trusted, its actuator is not either.
+    # If no axis of a flight is usable, its actuator is not usable either.
     trusted = [None if len(why) == len(AXES) else model for why, model in zip(reasons, models, strict=True)]
     yield from _actuators(trusted)
 
@@ -315,7 +321,7 @@ def _damping(axis: str, models: Sequence[Model | None]) -> RepeatedQuantity:
 
 
 def _told(models: Sequence[Model | None], entry: tuple[str, str]) -> dict[int, Parameter]:
-    """Return an entry of the models by flight, of those that have it with an interval."""
+    """Return an element of the models by flight, for flights that identify it."""
     found = {}
     for flight, model in enumerate(models):
         each = None if model is None else model.entries.get(entry)
@@ -325,7 +331,7 @@ def _told(models: Sequence[Model | None], entry: tuple[str, str]) -> dict[int, P
 
 
 def _words(told: Mapping[int, Parameter]) -> tuple[str, str, str]:
-    """Return name, unit and words of an entry; nothing where no flight has it."""
+    """Return name, unit and words of an element; empty if no flight has it."""
     return next(
         ((each.name, each.unit, term_words(each.target, each.regressor)) for each in told.values()), ("",) * 3
     )
@@ -354,7 +360,7 @@ def _actuators(models: Sequence[Model | None]) -> Iterator[RepeatedQuantity]:
 def _estimate(
     flight: int, value: float, ci95: tuple[float, float], *, spread: float = 0.0, alike: float = 0.0
 ) -> FlightEstimate:
-    """Return what a flight tells; ``spread`` is that of a difference of two, ``alike`` shifts it one way."""
+    """Return the estimate of a flight; ``spread`` is that of a difference of two, ``alike`` is a bias."""
     own = _half_width(ci95)
     return FlightEstimate(
         flight=flight, value=value, half_width=own, allowed=math.hypot(own, spread / math.sqrt(2.0)) + alike
@@ -364,7 +370,7 @@ def _estimate(
 def _quantity(
     kind: Kind, axis: str, name: str, unit: str, words: str, estimates: Sequence[FlightEstimate]
 ) -> RepeatedQuantity:
-    """Return a quantity with its mean, and each flight predicted from the others."""
+    """Return a quantity with its mean and the prediction of each flight from the others."""
     value = np.array([each.value for each in estimates])
     allowed = np.array([each.allowed for each in estimates])
     predicted = []
@@ -420,7 +426,7 @@ def _tested(quantities: Sequence[RepeatedQuantity]) -> Iterator[RepeatedQuantity
             for (flight, _z), p in zip(found.items(), p_values, strict=True)
             if p < _FALSE_ALARMS and not any(pair.differs for pair in own_pairs if flight not in pair.flights)
         )
-        # Of two that each leave the others in agreement, neither is the one: nothing tells which.
+        # With two candidates that both leave the others in agreement, the outlier cannot be determined.
         yield replace(quantity, pairs=own_pairs, outliers=told if len(told) == 1 else ())
 
 
@@ -432,7 +438,7 @@ def _adjusted(families: Sequence[Mapping[Any, float]]) -> list[list[float]]:
 
 
 def _from_others(estimates: Sequence[FlightEstimate], flight: int) -> tuple[float, float]:
-    """Return how far a flight is from the mean of the others, with half of the 95 % interval around zero."""
+    """Return the difference of a flight from the mean of the others, and half of its 95 % interval."""
     (own,) = (each for each in estimates if each.flight == flight)
     value = np.array([each.value for each in estimates if each is not own])
     variance = np.array([each.allowed**2 for each in estimates if each is not own])
@@ -443,10 +449,10 @@ def _from_others(estimates: Sequence[FlightEstimate], flight: int) -> tuple[floa
 
 
 def strangers(logs: Sequence[FlightLog]) -> dict[int, str]:
-    """Tell which logs say that they are of another vehicle than most.
+    """Return the logs that name another vehicle than most logs, by index, with the evidence.
 
-    By place what says so. What a log does not tell makes no other vehicle of it; a name or a frame that is
-    shown as it stands in the log: untrusted text.
+    Missing information does not make a log one of another vehicle. Names and frames come from the log:
+    untrusted text.
     """
     found: dict[int, list[str]] = {}
     for words, tell in _IDENTITY:

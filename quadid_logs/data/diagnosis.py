@@ -1,4 +1,4 @@
-"""What `diagnose` hands on: findings and a verdict per axis."""
+"""Results of the stage `diagnose`: findings and the verdict of each axis."""
 
 from __future__ import annotations
 
@@ -15,11 +15,10 @@ Verdict = Literal["usable", "caution", "refused"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """A caveat about the flight, with what it rests on and what to do.
+    """A caveat about the flight, with its evidence and its advice.
 
-    ``axes`` names the axes that the finding touches; empty means all. ``step`` is what its advice
-    is where that is not what the catalogue says. The texts may quote the log, so they are escaped
-    wherever they are shown.
+    ``axes`` names the affected axes; empty means all. ``step`` is the kind of advice if it differs from the
+    catalogue. The texts may quote the log: escape them before showing.
     """
 
     code: str
@@ -37,9 +36,9 @@ class Finding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisVerdict:
-    """Whether the numbers of one axis can be used, and the codes of the reasons.
+    """The verdict of one axis, with the codes of its reasons.
 
-    ``sentence`` gives the first of them, or why the axis is usable, in plain words.
+    ``sentence`` states the first reason, or why the axis is usable.
     """
 
     verdict: Verdict
@@ -53,7 +52,7 @@ class AxisVerdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis:
-    """All findings, the most severe first, and the verdicts by axis name."""
+    """All findings, the most severe first, and the verdict of each axis by its name."""
 
     findings: tuple[Finding, ...]
     axes: Mapping[str, AxisVerdict]
@@ -65,5 +64,5 @@ class Diagnosis:
 
     @property
     def usable(self) -> bool:
-        """True if no axis must be distrusted: exit code 0."""
+        """Whether no axis is refused (exit code 0)."""
         return all(axis.verdict != "refused" for axis in self.axes.values())

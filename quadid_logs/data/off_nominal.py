@@ -1,4 +1,4 @@
-"""The vehicle otherwise than as it flew: what may change from flight to flight, and the margins then."""
+"""Off-nominal conditions: changes of load, air, propeller and battery, and the margins under them."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from quadid_logs.errors import SettingsError
 
 
 class Ranges(NamedTuple):
-    """How far a vehicle may leave what it flew with: lowest and highest factor on each.
+    """Ranges of off-nominal conditions: lowest and highest factor relative to the flight.
 
     Attributes
     ----------
     mass : tuple of float
-        Of mass and, with it, inertia.
+        Factors on mass and inertia.
     density : tuple of float
-        Of the air.
+        Factors on air density.
     propeller : tuple of float
-        Of the diameter.
+        Factors on propeller diameter.
 
     Examples
     --------
@@ -36,20 +36,19 @@ class Ranges(NamedTuple):
     propeller: tuple[float, float] = (1.0, 1.07)
 
 
-#: A fifth of mass and inertia; air from 2000 m above the sea (0.82 of its density there) to frost at the sea
-#: (-10 degC: 1.10), both of ISO 2533; and one size of propeller more, as they are sold (14, 15, 16, 17, 18
-#: inches: 7, 7, 6 and 6 %).
+#: Mass and inertia change by a fifth. Air density (ISO 2533) goes from 2000 m altitude (0.82) to sea level at
+#: -10 degC (1.10). The propeller may be one standard size larger (14, 15, 16, 17, 18 inches: 7, 7, 6, 6 %).
 OFF_NOMINAL: Final = Ranges()
-#: Nothing but what flew.
+#: The flown condition only.
 AS_FLOWN: Final = Ranges((1.0, 1.0), (1.0, 1.0), (1.0, 1.0))
 
 
-#: What a vehicle may be and still be the one that flew.
+#: Bounds within which it is still the same kind of vehicle.
 _SENSIBLE: Final = {"mass": (0.2, 5.0), "density": (0.3, 1.5), "propeller": (0.7, 1.5)}
 
 
 def checked(ranges: Ranges) -> Ranges:
-    """Return ranges that can be meant.
+    """Return ranges after a check of their values.
 
     Parameters
     ----------
@@ -62,7 +61,7 @@ def checked(ranges: Ranges) -> Ranges:
     Raises
     ------
     SettingsError
-        If a range does not hold what flew, which is 1, or goes beyond what is a vehicle of this kind.
+        If a range does not contain 1 (the flown condition), or exceeds the bounds for one vehicle.
     """
     for name, (low, high) in ranges._asdict().items():
         least, most = _SENSIBLE[name]
@@ -73,17 +72,17 @@ def checked(ranges: Ranges) -> Ranges:
 
 
 class ThrustLaw(NamedTuple):
-    """What a firmware makes of a command of thrust, between 0 and 1, before the motors.
+    """The firmware's conversion of a thrust command (0 to 1) to a motor output.
 
     Attributes
     ----------
     output : callable
-        Command to output, both from 0 to 1, without what follows.
+        Function from command to output, both from 0 to 1, without the corrections below.
     before, behind : callable
-        Factors on command and output at a voltage of the battery [V] and its number of cells: 1 where
-        nothing makes up for an emptier battery.
+        Factors on command and output, as functions of battery voltage [V] and number of cells. They are 1 if
+        the firmware does not compensate the voltage.
     for_density : bool
-        The command is divided by the density of the air.
+        Whether the firmware divides the command by the air density.
     """
 
     output: Callable[[FloatArray], FloatArray]
@@ -96,12 +95,12 @@ def _unchanged(voltage_v: float, n_cells: int) -> float:  # noqa: ARG001
     return 1.0
 
 
-#: A firmware that hands commands on.
+#: A firmware that passes commands on unchanged.
 AS_COMMANDED: Final = ThrustLaw(lambda command: command, _unchanged, _unchanged)
 
 
 class ConditionKind(StrEnum):
-    """What is otherwise than it flew."""
+    """The property that differs from the flight."""
 
     BATTERY_FULL = "battery_full"
     BATTERY_EMPTY = "battery_empty"
@@ -116,7 +115,7 @@ class ConditionKind(StrEnum):
 
 
 class Condition(NamedTuple):
-    """One thing that is otherwise, as factors on what flew; the battery by its voltage [V]."""
+    """One off-nominal condition, as factors relative to the flight; ``voltage_v`` is the battery's [V]."""
 
     kind: ConditionKind
     mass: float = 1.0
@@ -129,21 +128,21 @@ class Condition(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ConditionMargins:
-    """The loop of one axis in one condition.
+    """Margins of one axis under one off-nominal condition.
 
     Attributes
     ----------
     condition : Condition
     effectiveness, lag : Estimated
-        Over those that flew.
+        Control effectiveness and lag, relative to the flight.
     now : LoopMargins
-        With the flown gains.
+        Margins with the flown gains.
     next : LoopMargins or None
-        With the next gains, None where there are none.
+        Margins with the next gains, None if there are none.
     spare : float
-        Part of the limits that the worst vehicles keep with the next gains, or with those that flew.
+        Fraction of the limits that the worst plant samples meet with the next gains, else the flown gains.
     worst : bool
-        No other condition keeps less.
+        Whether this condition has the smallest ``spare``.
     """
 
     condition: Condition

@@ -1,4 +1,4 @@
-"""The loops around the rate loop (attitude, velocity and position), and what was found of them."""
+"""Loops around the rate loop (attitude, velocity, position): their controllers, replays and margins."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Final, Literal
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.closed_loop import Estimated, Margins
 
-#: Rows that tell something of a controller.
+#: Number of rows that suffices to judge a controller.
 FEWEST_ROWS: Final = 50
 #: Directions of `PositionRows`.
 Direction = Literal["north", "east", "down"]
@@ -18,22 +18,23 @@ Direction = Literal["north", "east", "down"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AttitudeRows:
-    """What the attitude controller was given and gave, each of shape (n_rows, 3): roll, pitch, yaw.
+    """Inputs and output of the attitude controller; arrays have shape (n_rows, 3): roll, pitch, yaw.
 
     Attributes
     ----------
     time_s : ndarray, shape (n_rows,)
-        On the log's own clock; rows need not follow each other loop by loop.
+        Time on the log's own clock [s]; rows need not be consecutive control steps.
     from_error : ndarray
-        Rate that the law makes of the attitude error [rad/s].
+        Rate set-point computed from the attitude error [rad/s].
     forward : ndarray
-        Rate that it adds whatever the error [rad/s].
+        Feed-forward rate, independent of the error [rad/s].
     logged : ndarray
-        The rate set-point that the log holds [rad/s].
+        Logged rate set-point [rad/s].
     lags_s : tuple of float or None
-        Those of `AttitudeCommand`, where parameters leave them open and the rows tell.
+        First-order lags from wanted attitude to target [s], if they follow from the rows and not from
+        parameters.
     not_judged : tuple of str
-        Axes whose law is not known.
+        Axes with an unknown control law.
     """
 
     time_s: FloatArray
@@ -46,12 +47,12 @@ class AttitudeRows:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ShaperRows:
-    """The angle that was wanted, and the target that the input shaper made of it.
+    """Input and output of the input shaper for attitude commands.
 
     Attributes
     ----------
     wanted, shaped, logged : ndarray, shape (n_rows, 2)
-        Roll and pitch [rad]: as wanted, what the law makes of it, and the target that the log holds.
+        Roll and pitch [rad]: commanded angle, target computed from it, and logged target.
     """
 
     wanted: FloatArray
@@ -61,16 +62,16 @@ class ShaperRows:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AttitudeCommand:
-    """What stands between a wanted attitude and the angle loop of `AxisController`.
+    """The path from a commanded attitude to the angle loop of `AxisController`.
 
     Attributes
     ----------
     lags_s : tuple of float
-        First-order lags from the wanted attitude to the target, for small changes.
+        First-order lags from the commanded attitude to the target, for small changes [s].
     forward : bool
-        The target's own rate is added to the rate set-point.
+        Whether the rate of the target is added to the rate set-point.
     not_modelled : tuple of str
-        Parameters that switch on what is not replayed.
+        Parameters that enable functions which are not replayed.
     gains : mapping of str to float
         The vendor's parameters.
     """
@@ -83,28 +84,29 @@ class AttitudeCommand:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CascadeController:
-    """Position and velocity controller of some directions: what acts while nothing saturates.
+    """Position and velocity controller of one or two directions, without saturation.
 
-    With positions x and velocities v, the velocity target is V = forward + ``position_per_s`` (X - x), and
-    the acceleration target forward + P (V - v) + I times its integral + D times its slope, or less D times
-    the slope of v alone.
+    For position x and velocity v, the velocity target is V = forward + ``position_per_s`` (X - x). The
+    acceleration target is forward + P (V - v) + I times the integral of V - v + D times its derivative.
+    Some firmwares subtract D times the derivative of v instead.
 
     Attributes
     ----------
     position_per_s : float
-        [1/s]; 0 where positions are not controlled.
+        Gain of the position controller [1/s]; 0 if positions are not controlled.
     linear_m_s : float
-        Velocities up to which the position controller is linear in any case.
+        Velocity up to which the position controller is certainly linear [m/s].
     proportional_per_s, integral_per_s2, derivative : float
         P [1/s], I [1/s^2], D [1].
     error_hz, derivative_hz : float
-        Cut-offs of the first-order low-passes on the velocity error and behind the slope, 0 for none [Hz].
+        Cut-offs of the first-order low-pass filters on the velocity error and on the derivative; 0 for none
+        [Hz].
     slope_of_error : bool
-        D acts on the filtered error; else on the measured velocity.
+        Whether D acts on the filtered error; otherwise it acts on the measured velocity.
     period_s : float
-        Of the controller [s].
+        Sample period of the controller [s].
     gains : mapping of str to float
-        The vendor's parameters that made all this.
+        The vendor's parameters that these values were computed from.
     """
 
     position_per_s: float
@@ -121,7 +123,7 @@ class CascadeController:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OuterControllers:
-    """The controllers around the rate loop by the log's parameters; None where these do not tell."""
+    """The controllers around the rate loop from the log's parameters; None if not known."""
 
     attitude: AttitudeCommand
     horizontal: CascadeController | None = None
@@ -129,7 +131,7 @@ class OuterControllers:
 
 
 class Shown(Enum):
-    """What the log says of a controller that was replayed."""
+    """Result of the comparison of a replayed controller with the log."""
 
     AGREES = "agrees"
     DIFFERS = "differs"
@@ -139,16 +141,17 @@ class Shown(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AttitudeReplay:
-    """How well the attitude controller of one axis makes the logged rate set-points.
+    """Agreement of the replayed attitude controller of one axis with the logged rate set-points.
 
     Attributes
     ----------
     shown : Shown
     relative_rms : float
-        Of the difference, over that of the logged set-point, without the rows that differ most.
+        Rms of the difference over rms of the logged set-point, without the rows that differ most.
     gain : Estimated or None
-        The angle gain with which it would fit best, over that of the parameters.
+        Angle gain of the best fit, relative to that of the parameters.
     n_rows : int
+        Number of rows compared.
     """
 
     shown: Shown
@@ -159,9 +162,10 @@ class AttitudeReplay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShaperReplay:
-    """How well the input shaper of one axis makes the logged target of the wanted angle.
+    """Agreement of the replayed input shaper of one axis with the logged target.
 
-    ``unshaped_rms`` is what the wanted angle itself is off by. Both over the rms of the logged target.
+    ``relative_rms`` is the rms error of the shaped angle, ``unshaped_rms`` that of the commanded angle. Both
+    are relative to the rms of the logged target.
     """
 
     relative_rms: float
@@ -171,23 +175,23 @@ class ShaperReplay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CascadeReplay:
-    """How well the position and velocity controllers of one direction make the logged targets.
+    """Agreement of the replayed position and velocity controllers of one direction with the logged targets.
 
     Attributes
     ----------
     position, velocity, integral : Estimated or None
-        Gains of the position controller, of P and of I of the velocity controller with which the logged
-        targets fit best, over those of the parameters; None where the log does not hold them or they are
-        zero.
+        Best-fit gains of the position controller, and of P and I of the velocity controller, relative to
+        those of the parameters. None if not logged, or zero.
     position_rms, velocity_rms : float
-        Of the differences to the logged targets over the rms of what the controllers gave; NaN for none.
+        Rms differences to the logged targets, over the rms of the controllers' outputs; NaN for none.
     velocity_error_m_s, velocity_moved_m_s : float
-        Rms of target less velocity, and of the target's own movement.
+        Rms of target minus velocity, and of the changes of the target [m/s].
     position_error_m : float
-        Rms of target less position, NaN where it is not controlled.
+        Rms of target minus position [m]; NaN if positions are not controlled.
     n_rows : int
+        Number of rows compared.
     row_s : float
-        Typical step of the rows [s].
+        Typical time between rows [s].
     """
 
     position: Estimated | None
@@ -203,28 +207,29 @@ class CascadeReplay:
 
     @property
     def shown(self) -> Shown:
-        """What the log says of both controllers: one that differs is enough."""
+        """Result for both controllers together; they differ if at least one of them differs."""
         told = [shown_by(each) for each in (self.position, self.velocity) if each is not None]
         if Shown.DIFFERS in told:
             return Shown.DIFFERS
         return Shown.AGREES if told and told[-1] is Shown.AGREES else Shown.NOT_SHOWN
 
 
-#: A gain that is off by a tenth takes 0.8 dB of a margin, less than the intervals of most.
+#: A gain error of a tenth changes a margin by 0.8 dB, less than the width of most intervals.
 TOLERANCE = 0.1
 
 
 def shown_by(gain: Estimated) -> Shown:
-    """Say what an estimated gain, over that of the parameters, says of these.
+    """Compare an estimated gain with that of the parameters.
 
     Parameters
     ----------
     gain : Estimated
+        Estimated gain relative to that of the parameters.
 
     Returns
     -------
     Shown
-        Differs where the whole interval lies more than a tenth away from one.
+        The gains differ if the whole interval is more than a tenth away from 1.
     """
     low, high = gain.ci95
     if low > 1.0 + TOLERANCE or high < 1.0 - TOLERANCE:
@@ -234,16 +239,17 @@ def shown_by(gain: Estimated) -> Shown:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OuterLoop:
-    """The velocity and position loops that tilt about one axis closes, cut at the acceleration set-point.
+    """Velocity and position loops through the tilt about one axis, opened at the acceleration set-point.
 
     Attributes
     ----------
     attitude_hz : Estimated
-        Bandwidth of the attitude's answer to a wanted attitude: 45 degrees late, or 3 dB less (ADS-33).
+        Bandwidth of the attitude response to a commanded attitude: 45 degrees of phase lag, or -3 dB (ADS-33)
+        [Hz].
     velocity : Margins
-        Of the velocity loop alone.
+        Margins of the velocity loop without the position loop.
     whole : Margins or None
-        With the position loop around it; None where positions are not controlled.
+        Margins with the position loop; None if positions are not controlled.
     """
 
     attitude_hz: Estimated
@@ -253,19 +259,20 @@ class OuterLoop:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OuterLoops:
-    """What was found of the loops around the rate loop.
+    """Controllers, replays and margins of the loops around the rate loop.
 
     Attributes
     ----------
     controllers : OuterControllers
+        Controllers from the log's parameters.
     attitude : mapping of str to AttitudeReplay
-        By axis.
+        Replay of the attitude controller by axis.
     shaper : mapping of str to ShaperReplay
-        By axis, where the log holds the wanted angles.
+        Replay of the input shaper by axis, if the log holds the commanded angles.
     cascades : mapping of str to CascadeReplay
-        By direction.
+        Replay of the position and velocity controllers by direction.
     loops : mapping of str to OuterLoop
-        By the axis that tilts: "pitch" flies forward, "roll" sideways.
+        Loops by tilt axis: "pitch" moves forward, "roll" sideways.
     """
 
     controllers: OuterControllers

@@ -1,4 +1,4 @@
-"""What a flight promises of the next one with the recommended gains, and what became of it."""
+"""The promise of a recommendation for the next flight, and the check of that flight against it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from quadid_logs.data.tuning import Limits, TuningVerdict
 
 
 class Gain(NamedTuple):
-    """A parameter of a controller: as it flew, and as the promise takes it to fly next."""
+    """A controller parameter: as flown before (``back``), and as the promise requires it (``next``)."""
 
     back: float
     next: float
 
 
 class QuantityKind(StrEnum):
-    """What a number of the vehicle is."""
+    """The kind of a property of the vehicle."""
 
     EFFECTIVENESS = "control effectiveness"
     COUPLING = "coupling"
@@ -30,10 +30,10 @@ class QuantityKind(StrEnum):
 
 
 class VehicleQuantity(NamedTuple):
-    """One number of the vehicle by which another propeller, motor or load is recognised.
+    """One property of the vehicle that reveals another propeller, motor or load.
 
-    ``axis`` turns about which the command about ``command`` accelerates, [rad/s^2] per command of 1; of
-    lag and delay [s] both are "".
+    For effectiveness, the command about the axis ``command`` accelerates the vehicle about ``axis``
+    [rad/s^2 per unit of command]. For lag and delay [s], both are "".
     """
 
     kind: QuantityKind
@@ -45,16 +45,16 @@ class VehicleQuantity(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisPromise:
-    """What is promised of one axis.
+    """The promise for one axis.
 
     Attributes
     ----------
     verdict : {"change", "keep", "refused"}
-        Of the recommendation; nothing is promised of a refused axis.
+        Verdict of the recommendation. A refused axis has no promise.
     gains : mapping of str to Gain
-        Every parameter that shapes the loop: the promise belongs to ``next``.
+        All parameters of the loop. The promise holds for their ``next`` values.
     margins : LoopMargins or None
-        Of the next flight, whose vehicle may differ a little from this one; None where nothing is promised.
+        Margins of the next flight, allowing for small changes of the vehicle; None without a promise.
     """
 
     verdict: TuningVerdict
@@ -64,29 +64,32 @@ class AxisPromise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """What a flight promises of the next one.
+    """The promise of one flight for the next.
 
     Attributes
     ----------
     log, log_sha256 : str
-        The flight that it was made from: the file's name, and its SHA-256 ("" where unknown). Untrusted.
+        File name and SHA-256 of the flight that the promise is based on ("" if unknown). Untrusted.
     autopilot, frame, hardware_id : str
-        Which vehicle; "" where the log does not tell. Untrusted.
+        Identity of the vehicle; "" if not logged. Untrusted.
     n_cells : int
-        Of the battery, 0 where its voltage does not tell.
+        Number of battery cells; 0 if not known from the voltage.
     throttle : float
-        Mean of the flight, 0 where it is not known: yaw is more effective with more throttle.
+        Mean throttle of the flight, 0 if not known. Yaw effectiveness increases with throttle.
     throttle_powers : mapping of str to float
-        By axis, with which power of the throttle the effectiveness may grow.
+        By axis, the largest power of the throttle that the effectiveness may grow with.
     structure : str
-        Of the model that the quantities are from.
+        Structure of the model that the quantities come from.
     quantities : tuple of VehicleQuantity
+        Properties of the vehicle.
     axes : mapping of str to AxisPromise
+        Promise by axis.
     limits : Limits
+        Limits of the recommendation.
     ranges : Ranges
-        With which the gains were recommended.
+        Off-nominal ranges of the recommendation.
     balance : RotorBalance or None
-        Of the rotors, by which one that weakens is recognised; None where the log does not tell it.
+        Balance of the rotors, which reveals a rotor that weakens; None if not known from the log.
     """
 
     log: str
@@ -106,7 +109,7 @@ class Promise:
 
 
 class Flown(StrEnum):
-    """Which gains of an axis the next flight flew with."""
+    """The gains of an axis in the next flight: recommended, previous or other."""
 
     NEXT = "next"
     BACK = "back"
@@ -114,7 +117,7 @@ class Flown(StrEnum):
 
 
 class Held(StrEnum):
-    """Where the figures of an axis are, held against what was promised."""
+    """The margins of an axis, compared with the promise."""
 
     INSIDE = "inside"
     BETTER = "better"
@@ -123,7 +126,7 @@ class Held(StrEnum):
 
 
 class Outcome(StrEnum):
-    """What became of a promise."""
+    """The outcome of a promise."""
 
     KEPT = "kept"
     BROKEN = "broken"
@@ -131,7 +134,7 @@ class Outcome(StrEnum):
 
 
 class Decision(StrEnum):
-    """What to do now."""
+    """The decision about the gains."""
 
     KEEP = "keep"
     GO_ON = "go on"
@@ -140,7 +143,7 @@ class Decision(StrEnum):
 
 
 class Obstacle(StrEnum):
-    """Why a promise, or that of an axis, cannot be held against a flight."""
+    """The reason why a flight, or one of its axes, cannot be compared with the promise."""
 
     SAME_LOG = "same log"
     OTHER_AUTOPILOT = "other autopilot"
@@ -153,7 +156,7 @@ class Obstacle(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FigureCheck:
-    """A promised figure beside the measured one.
+    """A promised margin and its measured value.
 
     Attributes
     ----------
@@ -161,11 +164,11 @@ class FigureCheck:
         A field of `Margins`.
     promised, measured : Estimated
     p_value : float
-        Of a difference like this one by chance, two-sided, with the intervals of both.
+        Two-sided p-value of the difference, from the intervals of both values.
     differs : bool
-        It is more than chance, with all tests of the vehicle in mind.
+        Whether the difference is significant, corrected for all tests of the vehicle.
     gain : int
-        +1 where the measured figure is the better one, -1 where it is the worse one.
+        +1 if the measured value is better, -1 if it is worse.
     """
 
     name: str
@@ -178,7 +181,11 @@ class FigureCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleCheck:
-    """A number of the vehicle in both flights; ``p_value`` and ``differs`` as of `FigureCheck`."""
+    """A property of the vehicle in both flights.
+
+    ``p_value`` is the two-sided p-value of the difference. ``differs`` means that it is significant,
+    corrected for all tests of the vehicle.
+    """
 
     kind: QuantityKind
     axis: str
@@ -191,19 +198,22 @@ class VehicleCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisCheck:
-    """What became of the promise of one axis.
+    """The check of the promise for one axis.
 
     Attributes
     ----------
     held : Held
+        Result of the comparison.
     obstacle : Obstacle or None
-        Why it is not comparable.
+        Why the axis is not comparable.
     flown : Flown
+        Which gains flew.
     other_gains : mapping of str to tuple of float
-        By parameter that flew with another value than promised: promised, flown (NaN: not in the log).
+        Promised and flown value of each parameter that differs (NaN: not in the log).
     figures : tuple of FigureCheck
+        Margins in comparison.
     stable : bool
-        The measured loop is.
+        Whether the measured loop is stable.
     decision : Decision
         What to do with the gains of this axis.
     """
@@ -218,7 +228,7 @@ class AxisCheck:
 
 
 class WeakRotor(NamedTuple):
-    """A rotor, its number from 0, its name, and the part of its thrust that it lost between two flights."""
+    """A rotor that lost thrust between two flights: its number from 0, its name, and the fraction lost."""
 
     rotor: int
     name: str
@@ -227,20 +237,24 @@ class WeakRotor(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Check:
-    """A promise held against the next flight.
+    """The check of a flight against a promise.
 
     Attributes
     ----------
     outcome : Outcome
+        Whether the promise was kept.
     decision : Decision
+        What to do with the gains.
     obstacle : Obstacle or None
-        Why nothing of it can be compared.
+        Why the flight cannot be compared with the promise.
     axes : mapping of str to AxisCheck
+        Check by axis.
     vehicle : tuple of VehicleCheck
+        Properties of the vehicle in both flights.
     n_cells : tuple of int
-        Of the batteries of both flights, 0 where not known.
+        Number of battery cells in both flights, 0 if not known.
     rotor : WeakRotor or None
-        That gives less thrust for the same command than in the flight of the promise.
+        A rotor with less thrust per command than in the flight of the promise.
     """
 
     outcome: Outcome
@@ -253,12 +267,12 @@ class Check:
 
     @property
     def vehicle_changes(self) -> tuple[VehicleCheck, ...]:
-        """The numbers of the vehicle that are not those of the flight of the promise."""
+        """The properties of the vehicle that differ significantly from the flight of the promise."""
         return tuple(one for one in self.vehicle if one.differs)
 
     @property
     def is_other_vehicle(self) -> bool:
-        """Whether a number of the vehicle or one of its rotors is not what it was."""
+        """Whether a property of the vehicle or one of its rotors changed."""
         return self.rotor is not None or bool(self.vehicle_changes)
 
     def __repr__(self) -> str:

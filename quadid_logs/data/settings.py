@@ -1,4 +1,4 @@
-"""The settings of an analysis: one object per stage, each threshold with its reason."""
+"""The settings of an analysis: one object for each stage; each threshold has its reason."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def _check_at_least(name: str, value: float, lowest: float) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlignSettings:
-    """The part of the log to use, and the period to resample it to.
+    """The part of the log to use [s], and the sample rate to resample it to [Hz].
 
     Examples
     --------
@@ -28,9 +28,9 @@ class AlignSettings:
 
     start_s: float = -math.inf
     end_s: float = math.inf
-    """Part of the log to analyze, on the log's clock."""
+    """Part of the log to analyze, on the log's clock [s]."""
     sample_rate_hz: float = 0.0
-    """Rate to resample to; 0 takes that of the torque series, at most 400 Hz."""
+    """Rate to resample to [Hz]; 0 takes that of the torque series, at most 400 Hz."""
 
     def __post_init__(self) -> None:
         if not self.start_s < self.end_s:
@@ -47,7 +47,7 @@ class AlignSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IdentifySettings:
-    """Structure, windows and band of the fit; all other thresholds stand beside the code that uses them.
+    """Structure, windows and frequency band of the fit.
 
     Examples
     --------
@@ -57,21 +57,21 @@ class IdentifySettings:
     """
 
     structure: str = ""
-    """Structure to recommend; "" lets held-out error decide."""
+    """Structure to recommend; "" selects it by the error on validation data."""
     window: int = 0
-    """Samples per window of the paper's structures; 0 takes as many as there are unknowns."""
+    """Samples per window of the published structures; 0 takes as many as there are unknowns."""
     stride: int = 0
-    """Samples between windows; 0 takes every window (the paper)."""
+    """Samples between windows; 0 takes every window, as published."""
     smoothing_hz: float = 0.0
-    """Upper edge of the band, the cut-off of the one filter that target and regressors pass; 0 chooses
-    both edges from the response in the data."""
+    """Upper edge of the band [Hz]: the cut-off of the filter on target and regressors. 0 selects both edges
+    from the measured response."""
     high_pass_hz: float = 0.3
-    """What is slower is left out of the fit: there gusts, and drag at the speed that a tilt brings,
-    move the vehicle (measured: gain -17 %, damping -50 % on flights by stick; with this below 1 % and
-    25 %). At 1 Hz yaw, which moves slowly, would lose half of its information."""
+    """Lower edge of the band [Hz]. Below it, gusts and drag move the vehicle. They bias effectiveness by
+    -17 % and damping by -50 % in stick flights; with this edge, by less than 1 % and 25 %. At 1 Hz, the slow
+    yaw axis would lose half of its information."""
     most_samples: int = 480_000
-    """Twenty minutes at 400 Hz: of a longer flight the minutes with most motion are taken. They tell
-    nearly all that there is to tell, and the interval is that of the sensors by then."""
+    """Largest number of samples: twenty minutes at 400 Hz. Of a longer flight, the minutes with most motion
+    are used. They contain nearly all information, and sensor errors then dominate the interval."""
 
     def __post_init__(self) -> None:
         if self.structure and self.structure not in STRUCTURES:
@@ -83,12 +83,12 @@ class IdentifySettings:
 
 
 def in_band(band_hz: tuple[float, float] | None, settings: IdentifySettings) -> IdentifySettings:
-    """Return settings that fit in a band set by hand.
+    """Return settings with a user-defined frequency band of the fit.
 
     Parameters
     ----------
     band_hz : (low, high) or None
-        Its edges [Hz]; None leaves the choice to the log.
+        Edges of the band [Hz]; None selects the band from the log.
     settings : IdentifySettings
 
     Returns

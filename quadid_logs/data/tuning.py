@@ -1,4 +1,4 @@
-"""The next gains to fly, or why none: what `recommend` hands on."""
+"""Results of `recommend`: the next gains to fly, or the reasons for refusing."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.off_nominal import OFF_NOMINAL, ConditionMargins, Ranges
 
 TuningVerdict = Literal["change", "keep", "refused"]
-#: Where the gains go: all up, all down, some up and some down, nowhere; "refuse" says nothing of them.
+#: Direction of the gains: all up, all down, some up and some down, unchanged; "refuse" gives none.
 Direction = Literal["raise", "lower", "reshape", "keep", "refuse"]
 
-#: What is a whole number but for rounding stays that.
+#: A whole number with a rounding error remains that whole number.
 _LAST_DIGIT: Final = 1e-9
 
 
 class Limits(NamedTuple):
-    """What a loop keeps at least: gain [dB], phase [deg], and both at once as disk margin.
+    """Smallest margins of a loop: gain margin [dB], phase margin [deg] and disk margin [1].
 
     Examples
     --------
@@ -35,15 +35,15 @@ class Limits(NamedTuple):
     disk: float
 
 
-#: Of loops that pilots and the handling-quality standards call good (6 dB and 45 degrees: MIL-F-9490D,
-#: ADS-33E practice). A disk margin of 0.67 is both at once.
+#: Limits of a good loop (6 dB and 45 degrees: MIL-F-9490D, ADS-33E practice). A disk margin of 0.67 is both
+#: at once.
 GOOD: Final = Limits(6.0, 45.0, 0.67)
-#: Small changes of the vehicle bring loops below these to the limit: they are called close to instability.
+#: Small changes of the vehicle make a loop below these limits unstable: such a loop is close to instability.
 POOR: Final = Limits(4.0, 30.0, 0.0)
 
 
 def four_digits(value: float) -> float:
-    """Return a gain as people read it.
+    """Return a gain rounded to four significant digits.
 
     Parameters
     ----------
@@ -63,22 +63,22 @@ def four_digits(value: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainNames:
-    """The parameters of one axis' controller that may be changed.
+    """The tunable parameters of one axis' controller.
 
     Attributes
     ----------
     scaled : tuple of str
-        Those that scale P, I and D of the rate loop together, each by the same factor.
+        Parameters that together scale P, I and D of the rate loop by one common factor.
     proportional, integral, derivative, angle : str
-        Of the rate loop, and of the angle loop around it.
+        Parameters of P, I and D of the rate loop, and of the angle loop around it.
     filters : tuple of str
-        Cut-offs [Hz] that people try out: of D, of the gyro.
+        Cut-offs that users usually change: D-term filter and gyro filter [Hz].
     low_passes : tuple of str
-        Cut-offs [Hz] of all low-passes in this axis' loop, each of which may take its phase.
+        Cut-offs of all low-pass filters in this loop, which all cost phase [Hz].
     ranges : mapping of str to (float, float)
-        Lowest and highest value that this version of the firmware documents; infinite where it names none.
+        Lowest and highest value in the documentation of this firmware version; infinite if not documented.
     whole : bool
-        The firmware holds whole numbers: a value is rounded down, to less gain.
+        Whether the firmware stores whole numbers: values are rounded down, to a lower gain.
     """
 
     scaled: tuple[str, ...]
@@ -93,24 +93,25 @@ class GainNames:
 
     @property
     def every(self) -> tuple[str, ...]:
-        """All gains of the axis; some firmwares scale P itself, which then stands twice."""
+        """All gains of the axis. If the firmware scales gains by P itself, P occurs twice."""
         return *self.scaled, self.proportional, self.integral, self.derivative, self.angle
 
     @property
     def common(self) -> tuple[str, ...]:
-        """Those that multiply P, I and D and so take each of them beyond its own range; often none."""
+        """Parameters that multiply P, I and D and can take them beyond their ranges; often empty."""
         own = (self.proportional, self.integral, self.derivative)
         # Where D is scaled by itself, another name is the other end of its range.
         return () if self.derivative in self.scaled else tuple(one for one in self.scaled if one not in own)
 
     def factors(self, name: str, flown: float) -> tuple[float, float]:
-        """Return least and largest factor on a flown gain within its range.
+        """Return the smallest and largest factor that keeps a flown gain in its range.
 
         Parameters
         ----------
         name : str
+            Name of the parameter.
         flown : float
-            Above 0. What flew outside of the range may stay there, and comes no further out.
+            The flown value, above 0. A value outside of the range may stay, but does not move further out.
 
         Returns
         -------
@@ -120,7 +121,7 @@ class GainNames:
         return min(low / flown, 1.0), max(high / flown, 1.0)
 
     def written(self, value: float) -> float:
-        """Return a gain as it is written: people read it, and the promise is computed from it.
+        """Return a gain rounded as in the parameter file. The promise is computed from this value.
 
         Parameters
         ----------
@@ -129,22 +130,23 @@ class GainNames:
         Returns
         -------
         float
-            To four digits, or the next whole number below.
+            Rounded to four significant digits, or down to a whole number.
         """
         return float(math.floor(value * (1.0 + _LAST_DIGIT))) if self.whole else four_digits(value)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tunable:
-    """What of a vehicle may be tuned.
+    """The tunable parameters of a vehicle.
 
     Attributes
     ----------
     axes : mapping of str to GainNames
+        Parameters by axis.
     obstacle : str
-        What this vehicle is that no gains are given for, "" for nothing.
+        Property of the vehicle that rules out a recommendation; "" if there is none.
     procedures : mapping of str to tuple of Procedure
-        By axis, how the autopilot tunes itself, as far as that is known.
+        Autotune procedures of the autopilot by axis, as far as they are known.
     """
 
     axes: Mapping[str, GainNames] = field(default_factory=dict)
@@ -152,22 +154,22 @@ class Tunable:
     procedures: Mapping[str, tuple[Procedure, ...]] = field(default_factory=dict)
 
 
-#: Cut-offs that are changed by one factor: by parameter its range [Hz].
+#: Cut-offs that are changed by one common factor: range [Hz] by parameter.
 Cutoffs = Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterChoices:
-    """What of the filters of this firmware version may be set, for the lines that the gyro shows.
+    """The possible filter settings of this firmware version, for the spectral lines of the gyro.
 
     Attributes
     ----------
     shared : tuple of Cutoffs
-        Of low-passes that all axes share.
+        Cut-offs of low-pass filters that all axes share.
     own : mapping of str to tuple of Cutoffs
-        By axis, of its own low-passes.
+        Cut-offs of low-pass filters of a single axis, by axis.
     notches : tuple of mapping of str to float
-        Each a whole setting of notches by parameter, for all axes.
+        Complete notch settings for all axes, by parameter.
     """
 
     shared: tuple[Cutoffs, ...] = ()
@@ -176,15 +178,17 @@ class FilterChoices:
 
 
 def written_hz(value: float) -> float:
-    """Return a cut-off as it is written: whole, below 10 Hz to a tenth.
+    """Return a cut-off rounded to a whole number, or to a tenth below 10 Hz.
 
     Parameters
     ----------
     value : float
+        Cut-off [Hz].
 
     Returns
     -------
     float
+        Rounded cut-off [Hz].
 
     Examples
     --------
@@ -195,7 +199,10 @@ def written_hz(value: float) -> float:
 
 
 class GainChange(NamedTuple):
-    """A parameter as it flew, for the next flight, and where it leads to if nothing else turns up."""
+    """A parameter as flown (``now``), for the next flight (``next``), and its final value (``target``).
+
+    The target is the expected value after further flights, if these confirm the model.
+    """
 
     now: float
     next: float
@@ -203,16 +210,16 @@ class GainChange(NamedTuple):
 
 
 class FilterTrial(NamedTuple):
-    """A setting of the filters with the best gains behind it.
+    """A filter setting with its best gains.
 
     Attributes
     ----------
     phase_deg : float
-        That its filters lose at the flown crossover, less what those lose that flew [deg].
+        Additional phase lag at the flown crossover frequency, compared with the flown filters [deg].
     noise : float
-        Of the command, over what is accepted.
+        Noise of the command, relative to the accepted noise.
     attitude_error : float
-        Of gusts, over that of the flown gains and filters.
+        Attitude error by gusts, relative to that with the flown gains and filters.
     """
 
     phase_deg: float
@@ -222,34 +229,34 @@ class FilterTrial(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class AxisTuning:
-    """What is recommended for one axis.
+    """The recommendation for one axis.
 
     Attributes
     ----------
     verdict : {"change", "keep", "refused"}
     reasons : tuple of Finding
-        Why, the decisive one first.
+        Reasons for the verdict, the decisive one first.
     gains : mapping of str to GainChange
-        By parameter; empty where the axis is refused.
+        Gains by parameter; empty if the axis is refused.
     filters : mapping of str to GainChange
-        Parameters of filters that change with the gains; those that all axes share stand in each of them.
+        Filter parameters that change with the gains. A parameter that all axes share occurs in each axis.
     filter_trials : tuple of FilterTrial
-        Settings that were looked at where filters change: the flown one first, the chosen one last.
+        Filter settings that were compared: the flown setting first, the selected setting last.
     now, next : LoopMargins or None
-        As flown, and as promised for the next flight, from the values in the file.
+        Margins as flown, and promised margins of the next flight with the rounded gains.
     step_now, step_next : Step or None
-        The rate's answers to a step of its set-point.
+        Rate step responses as flown and with the next gains.
     attitude_error : float
-        Of gusts, with the next gains over that of the flown ones; NaN where it is not known.
+        Attitude error by gusts with the next gains, relative to the flown gains; NaN if not known.
     torque_noise : float
-        Standard deviation of the command above the crossover, as flown; NaN where the log is too slow.
+        Standard deviation of the flown command above the crossover frequency; NaN if the log is too slow.
     torque_noise_next : float
-        With the next gains.
+        The same with the next gains.
     more_flights, flights_to_limits : int
-        After the next one until the gains are at their target, and until the limits are kept, if none of
-        them finds anything else.
+        Number of flights after the next until the gains reach their target, and until the margins meet the
+        limits, if these flights confirm the model.
     off_nominal : tuple of ConditionMargins
-        The margins of the vehicle otherwise than it flew; empty where none are told.
+        Margins under other conditions than flown; empty if not computed.
     """
 
     verdict: TuningVerdict
@@ -270,22 +277,22 @@ class AxisTuning:
 
     @property
     def changed_gains(self) -> Mapping[str, GainChange]:
-        """The gains that get another value."""
+        """The gains with a new value."""
         return {name: change for name, change in self.gains.items() if change.next != change.now}
 
     @property
     def by_rule(self) -> bool:
-        """Whether a rule says so, not a model: nothing is promised then."""
+        """Whether the recommendation follows from a rule and not from a model; it then has no promise."""
         return self.verdict == "change" and bool(self.reasons) and self.reasons[0].code == "QL648"
 
     @property
     def changes(self) -> Mapping[str, GainChange]:
-        """The gains and filters that get another value."""
+        """The gains and filters with a new value."""
         return {**self.changed_gains, **self.filters}
 
     @property
     def direction(self) -> Direction:
-        """Where the gains go: the one source of every sentence that says so."""
+        """Direction of the gains; every sentence about the direction is based on it."""
         if self.verdict != "change":
             return "keep" if self.verdict == "keep" else "refuse"
         ups = {change.next > change.now for change in self.changed_gains.values()}
@@ -293,7 +300,7 @@ class AxisTuning:
 
     @property
     def summary(self) -> str:
-        """Verdict and, in one line, the gains that change, or the codes that say why none does."""
+        """One line: the verdict with the gains that change, or with the codes of the reasons."""
         changes = ", ".join(f"{name} {one.now:g} -> {one.next:g}" for name, one in self.changes.items())
         codes = " ".join(reason.code for reason in self.reasons) if self.verdict == "refused" else ""
         return f"{self.verdict:<7}  {changes or codes}".rstrip()
@@ -304,15 +311,16 @@ class AxisTuning:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Tuning:
-    """What is recommended for a vehicle.
+    """The recommendation for a vehicle.
 
     Attributes
     ----------
     axes : mapping of str to AxisTuning
+        Recommendation by axis.
     limits : Limits
-        That the promised margins keep in 97.5 % of the vehicles that the flight allows.
+        Limits of the promised margins. Each limit is met with 97.5 % confidence.
     ranges : Ranges
-        Of load, air and propeller, over which the limits are kept as well.
+        Ranges of load, air density and propeller in which the limits are met too.
     """
 
     axes: Mapping[str, AxisTuning]
@@ -321,12 +329,12 @@ class Tuning:
 
     @property
     def refused(self) -> tuple[str, ...]:
-        """The axes that nothing is recommended for."""
+        """The axes without a recommendation."""
         return tuple(axis for axis, found in self.axes.items() if found.verdict == "refused")
 
     @property
     def changes(self) -> Mapping[str, GainChange]:
-        """Every parameter that gets another value."""
+        """All parameters with a new value."""
         return {name: change for found in self.axes.values() for name, change in found.changes.items()}
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""What a user can tell about the vehicle in a TOML file."""
+"""Properties of the vehicle that a user can give in a TOML file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from quadid_logs.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rotor:
-    """Position in FRD from the centre of mass [m]; spin "ccw" or "cw" seen from above."""
+    """A rotor: position from the centre of mass in FRD [m], and spin "ccw" or "cw" as seen from above."""
 
     position_m: tuple[float, float, float]
     spin: str
@@ -17,10 +17,11 @@ class Rotor:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Vehicle:
-    """Values given here win over the log's parameters; None means not given.
+    """Known properties of a vehicle. They take precedence over the log's parameters; None means not given.
 
-    ``inertia_kg_m2`` (3, 3), NaN for what nobody measured, is only ever compared with, never used in a fit.
-    ``path`` is the file that it was read from, "" for none.
+    ``inertia_kg_m2`` (3, 3) is only compared with the estimate, never used in a fit; NaN means not measured.
+    ``max_thrust_n`` [N] and ``thrust_curve`` (n_points, 2) (command, thrust [N]) are those of one rotor.
+    ``path`` is the file that the values were read from, "" for none.
 
     Examples
     --------
