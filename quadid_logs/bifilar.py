@@ -83,7 +83,7 @@ class Bifilar:
 
     @property
     def relative_half_width(self) -> float:
-        """Relative half width of the 95 % interval of m g d^2 / (4 h omega^2) by mass, strings and gravity."""
+        """Relative half width of the 95 % interval of m g d^2 / (4 h omega^2) by mass, strings, gravity."""
         mass = (
             self.mass_half_width_kg
             if math.isfinite(self.mass_half_width_kg)
@@ -318,7 +318,7 @@ def _spans(time_s: FloatArray, rate: FloatArray, frequency_hz: float) -> Iterato
 def _fitted(
     time_s: FloatArray, rate: FloatArray, frequency_hz: float, span: tuple[int, int], hung: Bifilar
 ) -> Run | None:
-    """Return the fit of one swing, None if it does not converge."""
+    """Return the fit of one swing, None if its amplitude is zero."""
     from scipy.optimize import least_squares
 
     rows = slice(*span)

@@ -42,9 +42,9 @@ class FlightEstimate:
 
     ``flight`` is the index of the log. ``half_width`` is half of the estimate's 95 % interval; ``allowed`` is
     the same including the typical differences between flights of one vehicle (air, throttle). ``predicted``
-    is the prediction from the other flights, ``predicted_half_width`` half of its 95 % interval, including the
-    error of this flight and the difference between flights. The two are NaN and infinite if fewer than two
-    other flights give the quantity.
+    is the prediction from the other flights. ``predicted_half_width`` is half of its 95 % interval, including
+    the error of this flight and the difference between flights. The two are NaN and infinite if fewer than
+    two other flights give the quantity.
     """
 
     flight: int
