@@ -1,4 +1,4 @@
-"""A flight, and what earlier ones of the same vehicle tell of it as well."""
+"""Combination of a flight with earlier flights of the same vehicle."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ from quadid_logs.vocabulary import AXES
 
 
 def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
-    """Return a result whose loops are closed around the vehicles that it and earlier flights allow together.
+    """Return a result whose plant samples combine the flight with earlier flights.
 
-    Gains are recommended from it as from any other: with narrower intervals, and without the modes of the
-    frame that an earlier flight rules out.
+    The result can be tuned like any other. Its intervals are narrower, and structural modes that an earlier
+    flight rules out are omitted.
 
     Parameters
     ----------
     result : Result
-        Of the flight with the gains that are set now.
+        Result of the flight with the current gains.
     earlier : sequence of Result
-        Of the same vehicle, the last one last, whatever its gains were. A log that holds the flights of
-        another adds nothing. An axis that differs from any of them by more than chance stays as it is, and is
-        not tuned (QL626). An axis that this flight tells too little of gets the vehicles of earlier flights,
-        where nothing in this one contradicts them (QL627).
+        Results of the same vehicle with any gains, in order of time. A log with the same flights as another
+        adds nothing. An axis that differs significantly from an earlier flight is unchanged and not tuned
+        (QL626). An axis that this flight does not identify takes the plants of earlier flights, if nothing
+        contradicts them (QL627).
 
     Raises
     ------
     SettingsError
-        If a log says that it is of another vehicle.
+        If a log names another vehicle.
     """
     for one in earlier:
-        # Refuse a log of another autopilot, frame or board.
+        # Refuse a log with another autopilot, frame or board.
         for name in ("autopilot", "frame", "hardware_id"):
             own, other = getattr(result.log, name), getattr(one.log, name)
             if own and other and own != other:
@@ -80,7 +80,7 @@ def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
 def _joined(
     result: Result, now: ClosedLoop, axis: str, controller: AxisController, earlier: Sequence[Result]
 ) -> Joined:
-    """Join an axis to earlier flights, or leave it to them where this flight tells too little of it."""
+    """Combine an axis with earlier flights, or take it from them if this flight does not identify it."""
     loop, model = now.axes[axis], result.identification.recommended
     if loop.plants is not None:
         return joined(loop, controller, [_loop(one, axis) for one in earlier])
@@ -93,7 +93,7 @@ def _joined(
         for sound, one in zip(usable, earlier, strict=True)
     ]
     found = by_earlier(loop, data, model, AXES.index(axis), controller, told)
-    # Of flights that all give reason for caution, only what was measured counts, as of a single one.
+    # If all flights have the verdict caution, only measured quantities count, as for a single flight.
     if any(usable[place] for place in found.used) or crosses_where_known(found.loop) or found.differ:
         return found
     return Joined(loop)

@@ -7,17 +7,17 @@
     │   ├── LogNotFoundError     no such file, or not a regular readable file
     │   ├── UnknownFormatError   the content is not a recognised flight log
     │   ├── EmptyLogError        the right format, but nothing usable inside
-    │   └── SeveralLogsError     several logs in one file, and none was chosen
-    ├── LinkError                the vehicle, or the way to it
-    ├── SettingsError            a setting or option that makes no sense (also ValueError)
+    │   └── SeveralLogsError     several logs in one file, and none was selected
+    ├── LinkError                the vehicle or the connection to it
+    ├── SettingsError            an invalid setting or option (also ValueError)
     ├── VehicleFileError         the vehicle TOML is malformed
-    ├── PromiseFileError         promise.json is malformed, or not there
+    ├── PromiseFileError         promise.json is malformed or missing
     ├── OutputError              the result cannot be written (exists, read-only, disk full)
-    ├── SimulationError          a scenario that cannot be flown
-    └── ShapeError               arrays that do not fit together (also ValueError)
+    ├── SimulationError          a scenario that cannot be simulated
+    └── ShapeError               arrays with shapes that do not match (also ValueError)
 
-Bad *data* is never an exception: it becomes a finding in the report. An
-exception says that a contract was broken, and its ``hint`` says what to do.
+Bad *data* never raise an exception: they become a finding in the report. An exception reports an invalid call
+or file, and its ``hint`` says what to do.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class LogNotFoundError(LogError):
 
 
 class UnknownFormatError(LogError):
-    """The file's content is not a flight log that we can read."""
+    """The content of the file is not a recognised flight log."""
 
 
 class EmptyLogError(LogError):
@@ -71,16 +71,18 @@ class EmptyLogError(LogError):
 
 
 class SeveralLogsError(LogError):
-    """The file holds several logs, and nobody said which one to read.
+    """The file holds several logs, and none was selected.
 
     Parameters
     ----------
     message : str
+        What was expected and what was found.
     hint : str
+        What the user can do about it.
     logs : sequence of str
-        One line per log that can be chosen.
+        One line of text for each log.
     durations_s : mapping of int to float
-        How long each of them is [s], by number.
+        Length of each log [s], by number.
     """
 
     def __init__(
@@ -92,12 +94,12 @@ class SeveralLogsError(LogError):
 
     @property
     def longest(self) -> int:
-        """Number of the log that is longest."""
+        """Number of the longest log."""
         return max(self.durations_s, key=self.durations_s.__getitem__)
 
 
 class LinkError(QuadidError):
-    """The vehicle cannot be reached, refuses, or sent what cannot be true."""
+    """The vehicle cannot be reached, refuses a request, or sends invalid data."""
 
 
 class SettingsError(QuadidError, ValueError):
@@ -105,7 +107,7 @@ class SettingsError(QuadidError, ValueError):
 
 
 class PromiseFileError(QuadidError):
-    """The file of a promise cannot be used."""
+    """A promise file cannot be used."""
 
 
 class VehicleFileError(QuadidError):
@@ -117,7 +119,7 @@ class OutputError(QuadidError):
 
 
 class SimulationError(QuadidError):
-    """A scenario cannot be simulated as asked."""
+    """A scenario cannot be simulated with the given values."""
 
 
 class ShapeError(QuadidError, ValueError):

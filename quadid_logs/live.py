@@ -1,8 +1,8 @@
-"""What a flight shows while it is flown: control effectiveness with its interval, and what to fly next.
+"""Estimates during flight: control effectiveness with its 95 % interval, and what to fly next.
 
-Rows that have come since the last update become block spectra (`identify.spectral`). These blocks are
-all that is kept of the flight, so that an update costs the same after ten minutes as after one. The figures
-are provisional: the analysis of the whole log after landing decides.
+Rows since the last update become block spectra (`identify.spectral`). Only these blocks are kept, so that an
+update takes the same time after ten minutes as after one. The estimates are provisional: the analysis of the
+whole log after landing decides.
 """
 
 from __future__ import annotations
@@ -40,43 +40,43 @@ from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
-#: Half width of the 95 % interval that a flight shall reach, unless another is wanted.
+#: Default target: relative half width of the 95 % interval.
 TARGET: Final = 0.05
-#: What is read anew at each update: two blocks, and what is trimmed at both ends [s].
+#: Length of the log that is read again at each update: two blocks, and the trimmed ends [s].
 _TAIL_S: Final = 12.0
-#: Rows are taken in parts of this length where many come at once [s].
+#: If many rows arrive at once, they are processed in parts of this length [s].
 _STEP_S: Final = 4.0
 _PART: Final = 1 << 15
 #: Blocks overlap by half.
 _HOP_S: Final = 0.5 * BLOCK_S
-#: Five minutes; of a longer flight the blocks in which most was commanded are kept.
+#: Five minutes; of a longer flight, the blocks with the strongest commands are kept.
 _MOST_BLOCKS: Final = 150
 _MOST_COMMANDS: Final = 6
-#: More excitation than that is advised at a time, and less is not worth a word [s].
+#: Longest and shortest excitation that is advised at a time [s].
 _MOST_S, _LEAST_S = 30.0, 4.0
-#: Excitation for a first estimate: the fewest blocks that tell how they scatter, and one more [s].
+#: Excitation for a first estimate: the smallest number of blocks that gives a variance, and one more [s].
 _FIRST_S: Final = 12.0
 #: After so much excitation of an axis more of it will not narrow its interval [s].
 _ENOUGH_S: Final = 60.0
-#: Mixers at their limits for more than this are said, as in the report (QL311's first level).
+#: Saturation above this fraction is reported, as in the report (first level of QL311).
 _SATURATED: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveAxis:
-    """What is known of an axis.
+    """The estimate of one axis so far.
 
     Attributes
     ----------
     axis : str
     effectiveness : float
-        [rad/s^2 per unit of torque], NaN where it is not known yet.
+        Control effectiveness [rad/s^2 per unit of torque], NaN if not known yet.
     half_width : float
-        Of the 95 % interval, relative; infinite where nothing is known.
+        Relative half width of the 95 % interval; infinite if not known yet.
     excited_s : float
-        For how long the axis was commanded, as far as it counts.
+        Effective time of excitation [s].
     more_s : float
-        How much longer to excite it for the wanted interval; 0 once that is reached.
+        Further excitation that the target needs [s]; 0 once it is reached.
     """
 
     axis: str
@@ -86,31 +86,31 @@ class LiveAxis:
     more_s: float = _FIRST_S
 
     def fraction(self, target: float) -> float:
-        """Return how much of the way to a wanted relative half width is done, 0 to 1."""
+        """Return the progress towards a target of the relative half width, 0 to 1."""
         return min(target / self.half_width, 1.0) if self.half_width < 1.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveFigures:
-    """What is known of a flight so far.
+    """The estimates of a flight so far.
 
     Attributes
     ----------
     flown_s : float
-        In the air, with rows to estimate from [s].
+        Time in the air with usable data [s].
     axes : tuple of LiveAxis
         Roll, pitch, yaw.
     saturated : float
-        Fraction of that time at the limits of the mixer.
+        Fraction of that time with the mixer at its limits.
     oscillation : str
-        A sentence on the last seconds, "" where nothing oscillates.
+        A sentence about an oscillation in the last seconds; "" if there is none.
     missing : str
-        Why nothing can be estimated, "" where that is not so.
+        Why nothing can be estimated; "" if estimation is possible.
     unit : str
-        Of the torque: "1" per unit of command, "N m" where the log calibrates it; the interval does not
-        hold what is unknown of that calibration.
+        Unit of the torque: "1" for the command, "N m" if the log calibrates it. The intervals exclude the
+        error of that calibration.
     target : float
-        The relative half width that is wanted.
+        Target of the relative half width.
     """
 
     flown_s: float = 0.0
@@ -123,12 +123,12 @@ class LiveFigures:
 
     @property
     def is_enough(self) -> bool:
-        """Whether every axis has the interval that is wanted."""
+        """Whether every axis has reached the target."""
         return self.flown_s >= LEAST_FLIGHT_S and all(axis.more_s == 0.0 for axis in self.axes)
 
     @property
     def next_axis(self) -> LiveAxis | None:
-        """The axis to move next: what is least known; None where moving none would help."""
+        """The axis to excite next, with the widest interval; None if no excitation would help."""
         open_axes = [axis for axis in self.axes if 0.0 < axis.more_s < math.inf]
         return max(open_axes, key=lambda one: one.half_width, default=None)
 
@@ -149,7 +149,7 @@ class LiveFigures:
 
 
 class _Block(NamedTuple):
-    """A block: when it begins, its spectra, and by axis whether it moved, and what was commanded then."""
+    """A block: its start [s], its spectra, and by axis whether it was excited, and its commands."""
 
     start_s: float
     values: ComplexArray
@@ -160,14 +160,14 @@ class _Block(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Blocks:
-    """The blocks that one source of torque gave, in order of time."""
+    """The blocks of one torque source, in order of time."""
 
     frequency_hz: FloatArray
     period_s: float
     blocks: list[_Block] = field(default_factory=list)
 
     def add(self, spectra: BlockSpectra) -> None:
-        """Take the blocks of the rows that are new."""
+        """Add the blocks of the new rows."""
         if spectra.frequency_hz.size != self.frequency_hz.size:
             return
         missing = N_BEFORE_COMMANDS + _MOST_COMMANDS - spectra.values.shape[2]
@@ -185,7 +185,7 @@ class _Blocks:
             del self.blocks[int(np.argmin(weight))]
 
     def spectra(self) -> BlockSpectra:
-        """Return all of them; those that follow each other are a run."""
+        """Return the spectra of all blocks; consecutive blocks form a run."""
         start_s = np.array([block.start_s for block in self.blocks])
         breaks = np.abs(np.diff(start_s) - _HOP_S) > 0.25 * _HOP_S
         return BlockSpectra(
@@ -198,11 +198,11 @@ class _Blocks:
         )
 
     def moved(self) -> list[int]:
-        """Return the axes that moved, by more than a hovering vehicle does."""
+        """Return the axes that moved more than those of a hovering vehicle."""
         return np.flatnonzero(np.sum([block.moved for block in self.blocks], axis=0) > 1).tolist()
 
     def excited_s(self) -> FloatArray:
-        """Return for how long each axis was commanded: the time over which the power is spread; (3,)."""
+        """Return the effective time of excitation of each axis [s]; shape (3,)."""
         power = np.array([block.commanded for block in self.blocks])
         whole = np.sum(power, axis=0)
         spread = np.divide(whole**2, np.sum(power**2, axis=0), out=np.zeros(3), where=whole > 0.0)
@@ -210,12 +210,12 @@ class _Blocks:
 
 
 class LiveEstimate:
-    """A flight that goes on: bytes of its log in, figures out.
+    """The estimate of a flight in progress from the bytes of its log.
 
     Parameters
     ----------
     target : float
-        Relative half width of the 95 % interval that is wanted.
+        Target of the relative half width of the 95 % intervals.
 
     Examples
     --------
@@ -240,12 +240,12 @@ class LiveEstimate:
         self._oscillation, self._missing = "", "no log data yet"
 
     def append(self, content: bytes) -> None:
-        """Take the next bytes of the log.
+        """Add the next bytes of the log.
 
         Parameters
         ----------
         content : bytes
-            Also where a message is not whole: its rest is to come.
+            The bytes may end inside a message; its rest follows with the next call.
         """
         for first in range(0, len(content), _PART):
             self._tail.append(content[first : first + _PART])
@@ -253,7 +253,7 @@ class LiveEstimate:
                 self._take()
 
     def figures(self) -> LiveFigures:
-        """Return what is known now."""
+        """Return the present estimates."""
         if self._tail.end_s != self._taken_s:
             self._take()
         best = max(self._by_source.values(), key=lambda one: len(one.blocks), default=None)
@@ -275,10 +275,10 @@ class LiveEstimate:
             target=self._target,
         )
 
-    # Damaged numbers pass on as NaN or infinity, silently.
+    # Damaged numbers become NaN or infinity without a warning.
     @np.errstate(over="ignore", invalid="ignore", divide="ignore")
     def _take(self) -> None:
-        """Read the tail, and take the blocks that are new in it."""
+        """Read the tail and add its new blocks."""
         self._taken_s = self._tail.end_s
         if math.isnan(self._taken_s):
             return
@@ -314,7 +314,7 @@ class LiveEstimate:
             if not segment.planned
         ]
         parts = [part for part in parts if part.n_samples > 1]
-        # Blocks come one by one: what kinds of flight modes there will be is not known.
+        # Blocks arrive one by one: the flight modes to come are not known.
         parts = [replace(part, law=None) for part in parts]
         spectra = flight_spectra(replace(data, segments=tuple(parts))) if parts else None
         if spectra is None:
@@ -326,7 +326,7 @@ class LiveEstimate:
 
 
 def _missing(data: FlightData) -> str:
-    """Say why nothing can be estimated from the last rows, "" where that is not so."""
+    """Return why nothing can be estimated from the last rows; "" if estimation is possible."""
     if not data.flights:
         return printable(data.on_ground_reason, 200) or "the vehicle is not in the air"
     if not data.segments:
@@ -342,7 +342,7 @@ def _missing(data: FlightData) -> str:
 
 
 def _oscillation(prepared: Prepared, data: FlightData) -> str:
-    """Say whether an axis oscillates in the last seconds, "" where none does."""
+    """Return a sentence about an oscillation in the last seconds; "" if there is none."""
     rate, asked = (prepared.series.get(name) for name in ("body_rate", "body_rate_setpoint"))
     output = prepared.clean.first("torque_command")
     if rate is None or asked is None or output is None or not data.flights:
@@ -356,18 +356,18 @@ def _oscillation(prepared: Prepared, data: FlightData) -> str:
 
 
 def _axis(name: str, fit: SpectralFit | None, excited_s: float, target: float) -> LiveAxis:
-    """Return what is known of an axis, and for how long to move it."""
-    # A response to anything but commands, as of a hover, is none of the vehicle's.
+    """Return the estimate of an axis, with the further excitation that it needs."""
+    # Without commands, as in hover, there is no response of the vehicle.
     if fit is None or not fit.follows_commands or not 0.0 < fit.half_width < fit.gain:
         return LiveAxis(
             axis=name, excited_s=excited_s, more_s=math.inf if excited_s > _ENOUGH_S else _FIRST_S
         )
     half_width = fit.half_width / fit.gain
     if not fit.is_described:
-        # What one lag does not describe may be the same at all frequencies: then it is the gain's.
+        # A departure from one lag may be the same at all frequencies: it then affects the effectiveness.
         half_width += NORMAL_95 * fit.departure
     known = LiveAxis(axis=name, effectiveness=fit.gain, half_width=half_width, excited_s=excited_s)
-    # Rounding makes no pilot fly on.
+    # Rounding must not make a pilot fly on.
     if half_width <= target * (1.0 + 1e-9):
         return replace(known, more_s=0.0)
     if excited_s > _ENOUGH_S:
@@ -382,7 +382,7 @@ def _percent(half_width: float) -> str:
 
 
 def axis_words(axis: LiveAxis) -> str:
-    """Return what is known of an axis, in a few words.
+    """Return the estimate of an axis as a short text.
 
     Examples
     --------
@@ -397,7 +397,7 @@ def axis_words(axis: LiveAxis) -> str:
 
 
 def notes(figures: LiveFigures) -> tuple[str, ...]:
-    """Return what to know besides the axes: saturation, oscillation, calibration."""
+    """Return notes on saturation, oscillation and calibration."""
     saturated = figures.saturated > _SATURATED
     limit = f"The motors were at their limits in {100.0 * figures.saturated:.0f} % of the flight."
     scaled = figures.unit == "N m" and any(axis.half_width < 1.0 for axis in figures.axes)
@@ -410,18 +410,19 @@ def notes(figures: LiveFigures) -> tuple[str, ...]:
 
 
 def figure_line(figures: LiveFigures) -> str:
-    """Return the figures in one line."""
+    """Return the estimates as one line."""
     known = ", ".join(map(axis_words, figures.axes))
     return " ".join([f"{figures.flown_s:.0f} s flown: {known}.", *notes(figures), figures.hint])
 
 
 def figure_block(figures: LiveFigures, width: int = 24) -> tuple[str, ...]:
-    """Return the figures as lines, each axis with a bar that is full once its interval is as wanted.
+    """Return the estimates as lines; the bar of an axis is full once its interval reaches the target.
 
     Parameters
     ----------
+    figures : LiveFigures
     width : int
-        Of a bar, in characters.
+        Width of a bar in characters.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""From a file to a log on one clock with its torque; the content decides the format, never the name."""
+"""From a file to a log on one clock with its torque; the content decides the format, not the file name."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ _HEAD_BYTES: Final = 1 << 16
 
 
 def load(path: str | Path, settings: Settings | None = None, vehicle: Vehicle | None = None) -> Prepared:
-    """Read a log, put it on one clock and rebuild its torque: what every command works on.
+    """Read a log, align it to one clock and rebuild its torque: the input of every command.
 
     Parameters
     ----------
     path : str or Path
     settings : Settings, optional
-        Of these, which MAVLink system to read.
+        Only ``system`` and ``log`` are used.
     vehicle : Vehicle, optional
-        What the user knows; it wins over the log's parameters.
+        Known properties of the vehicle. They take precedence over the log's parameters.
 
     Returns
     -------
     Prepared
-        For `align.cut`, which resamples the part that is wanted.
+        Input of `align.cut`, which resamples the selected part.
 
     Raises
     ------
@@ -48,18 +48,18 @@ def load(path: str | Path, settings: Settings | None = None, vehicle: Vehicle | 
 
 
 def prepare(log: FlightLog, vehicle: Vehicle | None = None) -> Prepared:
-    """Put a log that was read, or simulated, on one clock and rebuild its torque.
+    """Align a log in memory to one clock and rebuild its torque.
 
     Parameters
     ----------
     log : FlightLog
     vehicle : Vehicle, optional
-        What the user knows; it wins over the log's parameters.
+        Known properties of the vehicle. They take precedence over the log's parameters.
 
     Returns
     -------
     Prepared
-        Its ``log`` says in ``torque`` what is known of the airframe.
+        The airframe is in ``log.torque``.
     """
     autopilot = named(log.autopilot)
     cleaned = clean(log)
@@ -80,7 +80,7 @@ def prepare(log: FlightLog, vehicle: Vehicle | None = None) -> Prepared:
 
 
 def _chosen(preferred: Prepared, other: Prepared) -> Prepared:
-    """Return the one of two torques that the flight supports, with the comparison."""
+    """Return the torque that the flight supports, of two, with the comparison."""
     settings = Settings()
     first, second = (cut(each, settings.align) for each in (preferred, other))
     found = compare_torques(first, second, settings.identify)
@@ -103,16 +103,16 @@ def read_log(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog
     Parameters
     ----------
     path : str or Path
-        Of any registered format; the content decides.
+        File of any registered format, which is recognised by its content.
     system : int
-        MAVLink system to read from a telemetry log; 0 chooses the autopilot.
+        MAVLink system to read from a telemetry log; 0 selects the autopilot.
     number : int
-        Which log of a file that holds several, from 1; 0 takes the only one.
+        Number of the log in a file with several logs, from 1; 0 takes the only one.
 
     Returns
     -------
     FlightLog
-        Signals under canonical names in file order, and what was lost.
+        Signals by canonical name in file order, and the lost bytes.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Results and figures in a notebook: `show` a result, or take its figures as matplotlib's or Plotly's."""
+"""Results in a notebook: `show` displays a result; its figures are available for matplotlib and Plotly."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shown:
-    """A result that shows itself where HTML is shown (Jupyter), and as text elsewhere."""
+    """A result for display: as HTML in a notebook (Jupyter), as text elsewhere."""
 
     result: Result
 
@@ -35,12 +35,12 @@ class Shown:
 
 
 def show(result: Result) -> Shown:
-    """Return the result as an object that a notebook shows as verdicts and tables.
+    """Return a result as an object that a notebook displays as verdicts and tables.
 
     Parameters
     ----------
     result : Result
-        Of `quadid_logs.analyze`.
+        The result of `quadid_logs.analyze`.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def matplotlib_figures(result: Result) -> dict[str, Canvas]:
     Returns
     -------
     dict of str to matplotlib.figure.Figure
-        Not registered with pyplot: nothing has to be closed.
+        Figures by key. They are not registered with pyplot and need not be closed.
 
     Examples
     --------
@@ -113,7 +113,7 @@ def plotly_figures(result: Result) -> dict[str, Any]:
 
 
 def _coloured(value: Any) -> Any:
-    """Replace "@role" by the colour of that role on white paper."""
+    """Replace "@role" by the colour of that role on a white background."""
     from quadid_logs.figures.palette import LIGHT
 
     if isinstance(value, str) and value.startswith("@"):

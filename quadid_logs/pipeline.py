@@ -1,4 +1,4 @@
-"""The stages in order: a log file in, everything found out about it."""
+"""The stages of the analysis in order, from a log file to its result."""
 
 from __future__ import annotations
 
@@ -47,30 +47,33 @@ def analyze(
     published: bool = True,
     progress: Progress | None = None,
 ) -> Result:
-    """Run every stage on one log: what `quadid_logs.analyze` wraps, and says in full.
+    """Run every stage on one log; `quadid_logs.analyze` wraps this function.
 
     Parameters
     ----------
     path : str, Path or FlightLog
-        A file, or a log that is in memory already; nothing else is made a log here.
-    settings, vehicle
-        As of `quadid_logs.analyze`.
+        A file, or a log in memory. Tables are not accepted here.
+    settings : Settings, optional
+    vehicle : Vehicle, optional
+        Known properties of the vehicle. They take precedence over the log's parameters.
     structure : Structure, optional
-        Fitted beside those of the package, and recommended.
+        An own structure, fitted in addition to those of the package, and recommended.
     published : bool
-        As of `judge`.
-    progress
-        As of `quadid_logs.analyze`.
+        Whether to fit the published structures too. No verdict depends on them.
+    progress : callable, optional
+        Called with the name of each stage as it begins.
 
     Returns
     -------
     Result
-        Without the methods of an `Analysis`.
+        A plain result without the methods of an `Analysis`.
 
     Raises
     ------
-    LogError, SettingsError
-        As `quadid_logs.analyze`.
+    LogError
+        If the file cannot be read as a flight log at all.
+    SettingsError
+        If the selected part of the log holds no flight, or the structure is unknown.
     """
     return _analyze([path], settings or Settings(), vehicle, structure, progress, published=published)
 
@@ -83,23 +86,32 @@ def analyze_pooled(
     structure: Structure | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Run every stage on several logs at once: what `quadid_logs.analyze_pooled` wraps, and says in full.
+    """Run every stage on several logs of one vehicle; `quadid_logs.analyze_pooled` wraps this function.
 
     Parameters
     ----------
     paths : sequence of str, Path or FlightLog
-    settings, vehicle, structure, progress
-        As of `analyze`.
+        Files, or logs in memory.
+    settings : Settings, optional
+        ``start_s`` and ``end_s`` apply to the clock of each log.
+    vehicle : Vehicle, optional
+        Known properties of the vehicle. They take precedence over the logs' parameters.
+    structure : Structure, optional
+        An own structure, fitted in addition to those of the package, and recommended.
+    progress : callable, optional
+        Called with the name of each stage as it begins.
 
     Returns
     -------
     Result
-        Without the methods of an `Analysis`.
+        A plain result without the methods of an `Analysis`.
 
     Raises
     ------
-    LogError, SettingsError
-        As `quadid_logs.analyze_pooled`.
+    LogError
+        If one of the files cannot be read as a flight log at all.
+    SettingsError
+        If the logs' torques are not the same quantity, or the selected part holds no flight.
     """
     return _analyze(paths, settings or Settings(), vehicle, structure, progress)
 
@@ -113,7 +125,7 @@ def _analyze(
     *,
     published: bool = True,
 ) -> Result:
-    """Run the stages in order; several logs are put one after the other once they are aligned."""
+    """Run the stages in order; several logs are concatenated after alignment."""
     tell = progress or (lambda _stage: None)
     clock = _Clock()
     tell("read")
@@ -137,14 +149,14 @@ def _analyze(
     flights = [replace(each, segments=()) if place in same else each for place, each in enumerate(flights)]
     flights = with_common_commands(flights)
     data = flights[0] if len(flights) == 1 or not any(each.segments for each in flights) else pool(flights)
-    # What is not pooled (sources, airframe, texts) is told of the first log that flew.
+    # Data that are not pooled (sources, airframe, texts) come from the first log with a flight.
     flown = (number for number, each in enumerate(flights) if each.segments)
     first = next(flown, 0)
     log = prepared[first].log
     clock.lap("align")
     health = health_of(prepared[first], flights[first])
     clock.lap("health")
-    # Every source of every signal, as large as the log: what was made of them is all that is needed now.
+    # All sources of all signals are as large as the log, and only the aligned data are needed from here on.
     del prepared
     tell("identify")
     pooled = tuple(
@@ -178,25 +190,30 @@ def judge(
     timings_s: Mapping[str, float],
     loop: LoopPart = "whole",
 ) -> Result:
-    """Identify and diagnose what was aligned: the end of every analysis.
+    """Identify and diagnose aligned data: the last stages of every analysis.
 
     Parameters
     ----------
-    log, data, settings, vehicle
-        As of `Result`.
+    log : FlightLog
+        The log, or the first log with a flight of several.
+    data : FlightData
+        Aligned data.
+    settings : Settings
+    vehicle : Vehicle or None
+        Known properties of the vehicle.
     structure : Structure, optional
-        As of `analyze`.
+        An own structure, fitted in addition to those of the package, and recommended.
     published : bool
-        Whether the structures of the paper are fitted, too, which no verdict rests on: only a page or a
-        file that shows every model needs them.
+        Whether to fit the published structures too. No verdict depends on them; only a page or a file with
+        all models needs them.
     pooled : tuple of PooledLog
-        As of `Result`.
+        The logs of a pooled analysis.
     health : Health, optional
-        As of `Result`.
+        Checks of the flight.
     timings_s : mapping of str to float
-        What the stages before took.
+        Times of the earlier stages [s].
     loop : {"whole", "verdict"}
-        As ``wanted`` of `close_loop`: with "verdict", the result has no margins, and no findings about them.
+        With "verdict", the result has no margins and no findings about them.
 
     Returns
     -------
@@ -210,12 +227,12 @@ def judge(
     identification = identify(
         data, settings.identify, structures, recommended=structure.name if structure else ""
     )
-    # Several logs are several vehicles as far as their rotors are concerned; only the first one's are known.
+    # The rotors may differ between logs; only those of the first log are known.
     rotors = None if health is None or pooled else health.rotors
     identification = with_lost_thrust(identification, rotors)
     diagnosis = diagnose(log, data, identification, pooled, vehicle, rotors)
     identified = time.perf_counter()
-    # Several logs may have flown with several controllers.
+    # Several logs may have different controllers.
     closed_loop = None if pooled else _closed_loop(log, data, identification, diagnosis, settings, loop)
     if closed_loop is not None:
         outer = find_in_outer(closed_loop.outer, log.position_control)
@@ -244,13 +261,13 @@ def _closed_loop(
     settings: Settings,
     wanted: LoopPart = "whole",
 ) -> ClosedLoop | None:
-    """Close the loop of what was identified; None where no controller or no model is known."""
+    """Close the loop of the identified model; None without a known controller or a model."""
     model = identification.recommended
     autopilot = named(log.autopilot)
     controllers = None if model is None else autopilot.controllers(log, flown_parameters(log, data))
     if model is None or controllers is None:
         return None
-    # The rows to replay are on the log's own clock, which is that of the flights unless it was reset.
+    # The rows to replay are on the log's own clock, which is the clock of the flights unless it was reset.
     rows = {} if data.clock_resets else autopilot.replay_inputs(log, controllers, data.flight_segments)
     replays = replay(controllers, rows, log.parameter_changes)
     period_s = thinned_from(replays)
@@ -268,7 +285,7 @@ def _closed_loop(
 
 
 def _outer_loops(log: FlightLog, data: FlightData, closed: ClosedLoop) -> OuterLoops | None:
-    """Replay and close what lies around the rate loops; None where its controllers are not known."""
+    """Replay and close the loops around the rate loops; None if their controllers are not known."""
     autopilot, parameters = named(log.autopilot), flown_parameters(log, data)
     controllers = autopilot.outer_controllers(parameters)
     if controllers is None or data.clock_resets:
@@ -285,7 +302,7 @@ def _outer_loops(log: FlightLog, data: FlightData, closed: ClosedLoop) -> OuterL
 
 
 class _Clock:
-    """Seconds by stage."""
+    """Time by stage [s]."""
 
     def __init__(self) -> None:
         self.timings_s: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""A flight that will give an answer: what to set, what to fly, and what a simulation of it gives."""
+"""Plans for an identification flight: parameters to set, manoeuvres to fly, and a simulated result."""
 
 from __future__ import annotations
 
@@ -44,24 +44,24 @@ from quadid_logs.vocabulary import AXES, ON_AXIS
 if TYPE_CHECKING:
     from quadid_logs.autopilots.generic.advice import Advice, Setting, Version
 
-#: Before and after the manoeuvre: take-off, climb, landing, as simulated.
+#: Time before and after the manoeuvre in the simulation: take-off, climb, landing.
 _AROUND_S = 12.0
-#: What a second person needs to load the next axis at the ground station; a pilot alone lands for it.
+#: Time that a second person needs to load the next axis at the ground station; a single pilot lands for it.
 _PAUSE_S = 6.0
 #: Stick doublets: a third of the stick for 0.4 s each way, 30 s per axis.
 _DOUBLET_RAD_S, _DOUBLET_S, _DOUBLETS_PER_AXIS_S = 0.7, 0.4, 30.0
-#: Half the 95 % interval of the control effectiveness that a plan is made for: gains that differ by less fly
-#: alike. Some 5 % of it no sweep makes smaller (the gyro's scale, and what no single lag describes).
+#: Relative half width of the 95 % interval of the control effectiveness that a plan is designed for: smaller
+#: differences of a gain do not matter in flight. No sweep reduces it below some 5 % (gyro scale, lag model).
 WANTED: Final = 0.075
-#: Angular acceleration of roll and pitch that no torque explains, between 0.3 and 5 Hz [rad/s^2]: what
-#: hovering vehicles show in still air, in a breeze, and in wind. Yaw has a third of it.
+#: Angular acceleration of roll and pitch by disturbances, between 0.3 and 5 Hz [rad/s^2]. It was measured on
+#: hovering vehicles in still air, in a breeze, and in wind. Yaw has a third of it.
 AIRS: Final[Mapping[str, float]] = MappingProxyType({"calm": 0.15, "breeze": 0.5, "wind": 1.0})
 _YAW_IN_AIR: Final = 0.33
 #: Propellers of the simulated vehicle [inch]; others are similar to it.
 PROPELLER_INCH: Final = 10.0
-#: What setup pages advise for the gyro's filter: 289.22 Hz / inch^0.838, no lower than 20 Hz.
+#: The gyro filter that setup pages advise: 289.22 Hz / inch^0.838, no lower than 20 Hz.
 _GYRO_FILTER_HZ, _GYRO_FILTER_POWER, _LEAST_GYRO_FILTER_HZ = 289.22, -0.838, 20.0
-#: Of a multisine: lines of an axis, periods, and the length of a period [s].
+#: Multisine: lines of an axis, number of periods, length of a period [s].
 _LINES, _PERIODS, _PERIOD_S = 24, 2, 20.0
 #: Largest rate of a multisine of all axes at once, over that of a sweep of one: all three share the motors.
 _TOGETHER: Final = 1.0 / 3.0
@@ -69,31 +69,33 @@ _TOGETHER: Final = 1.0 / 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Plan:
-    """A flight to fly.
+    """The plan of an identification flight.
 
     Attributes
     ----------
     autopilot : str
-        As in `FlightLog.autopilot`.
+        Name of the autopilot, one of those of `FlightLog.autopilot`.
     version : tuple of int, or None
-        Of its firmware, None for a recent one.
+        Firmware version, None for a recent version.
     axes : tuple of str
+        Axes to excite.
     sweeps : mapping of str to Sweep
-        By axis, where the autopilot sweeps by itself; else empty, and the pilot flies doublets.
+        Frequency sweep by axis, if the autopilot can sweep. Otherwise empty, and the pilot flies doublets.
     duration_s : float
-        From take-off to landing.
+        Time from take-off to landing [s].
     parameters : mapping of str to float
-        Of the vehicle; empty where they are not known.
+        Parameters of the vehicle; empty if not known.
     excitations : mapping of str to AxisExcitation
-        By axis, what fits it, with what it promises; empty where the autopilot injects nothing.
+        Recommended excitation by axis, with its expected result; empty if the autopilot injects nothing.
     model : str
-        Whose model that was computed with.
+        Source of the model that the excitation was designed with.
     air : str
-        Which air the promise is for.
+        The air that the expected result holds for.
     wanted : float
-        Half the 95 % interval of the control effectiveness that the plan is made for, over the effectiveness.
+        Half width of the 95 % interval of the control effectiveness that the plan is designed for, as a
+        fraction of the effectiveness.
     propeller_inch : float
-        Of the vehicle that a simulated flight is flown with.
+        Propeller diameter of the simulated vehicle [inch].
     """
 
     autopilot: str
@@ -110,25 +112,25 @@ class Plan:
 
     @property
     def advice(self) -> Advice:
-        """What the autopilot's folder knows of setting and flying it."""
+        """The autopilot's advice on setup and flight."""
         return advice_for(self.autopilot)
 
     @property
     def logging(self) -> tuple[Setting, ...]:
-        """Parameters that make the autopilot log enough: the vehicle's own with what they lack."""
+        """Logging parameters to set: the vehicle's own values with the missing functions added."""
         return self.advice.logging_values(self.parameters)
 
     @property
     def logging_back(self) -> tuple[Setting, ...]:
-        """The same parameters as the vehicle has them, where that is known."""
+        """The same parameters with the vehicle's present values, if known."""
         return tuple((name, self.parameters[name]) for name, _ in self.logging if name in self.parameters)
 
     def settings_of(self, axis: str) -> tuple[Setting, ...]:
-        """Return the parameters of an axis' sweep, in the order in which they are to be set."""
+        """Return the parameters of an axis' sweep, in the order of setting them."""
         return self.advice.sweep_settings(axis, dataclasses.asdict(self.sweeps[axis]))
 
     def steps(self) -> tuple[str, ...]:
-        """Return what to fly, in order."""
+        """Return the steps of the flight, in order."""
         *flown, last = self.advice.steps(
             self.axes, {axis: dataclasses.asdict(each) for axis, each in self.sweeps.items()}
         )
@@ -136,13 +138,13 @@ class Plan:
         return (*flown, *filter(None, [by_files]), last)
 
     def steps_by_hand(self) -> tuple[str, ...]:
-        """Return how to fly the sweeps without the script; empty where no script flies them."""
+        """Return the steps for sweeps without the script; empty if there is no script."""
         return self.advice.steps_by_hand(
             self.axes, {axis: dataclasses.asdict(each) for axis, each in self.sweeps.items()}
         )
 
     def script_files(self) -> dict[str, str]:
-        """Return the text of each file, by its name, that flies the excitation or sets it up."""
+        """Return the files that fly the excitation or set it up: text by file name."""
         flown = {axis: dataclasses.asdict(each) for axis, each in self.excitations.items()}
         return self.advice.excitation_files(flown, _multisine(self.excitations), self.parameters)
 
@@ -154,13 +156,13 @@ class Plan:
         )
 
     def predict(self, vehicle: Vehicle | None = None) -> Prediction:
-        """Return what a simulated flight of the plan gives; see `quadid_logs.planning.predict`."""
+        """Fly the plan in the simulator and analyze the log; see `quadid_logs.planning.predict`."""
         return predict(self, vehicle)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Prediction:
-    """What came out of the simulated flight, and the vehicle that flew it."""
+    """The result of the simulated flight, and the name of the vehicle that flew it."""
 
     vehicle: str
     identification: Identification
@@ -190,22 +192,22 @@ def make_plan(
     autopilot : str
         One of `diagnose.advice.plannable`.
     axes : sequence of str
-        Of roll, pitch, yaw; empty means all.
+        Axes to excite: roll, pitch, yaw. Empty means all.
     version : tuple of int, optional
-        Of the firmware; without, a recent one.
+        Firmware version; the default is a recent version.
     parameters : mapping of str to float
-        Of the vehicle, where they are known.
+        Parameters of the vehicle, if known.
     known : Result, optional
-        Of a flight of the vehicle: its model, its controller and its air; for axes that it tells nothing of,
-        and without it, those of a vehicle of this size.
+        Result of a flight of the vehicle, for its model, controller and air. Axes without a result use those
+        of a vehicle of the same size.
     vehicle : Vehicle, optional
-        What is known replaces the simulated vehicle's.
+        Known properties; they replace those of the simulated vehicle.
     propeller_inch : float
-        Diameter: how large the vehicle is, where neither log nor vehicle tell.
+        Propeller diameter [inch]. It sets the size of the vehicle if log and ``vehicle`` do not.
     air : str
-        A key of `AIRS`; "" for that of the known flight, a breeze without one.
+        A key of `AIRS`; "" takes the air of the known flight, or a breeze.
     wanted : float
-        Half the 95 % interval of the control effectiveness, over the effectiveness.
+        Half width of the 95 % interval of the control effectiveness, as a fraction of the effectiveness.
 
     Returns
     -------
@@ -214,7 +216,7 @@ def make_plan(
     Raises
     ------
     SettingsError
-        If there is no such autopilot, axis or air, or a number is out of range.
+        If the autopilot, an axis or the air is unknown, or a number is out of range.
     SimulationError
         If the vehicle cannot fly.
 
@@ -263,7 +265,7 @@ def make_plan(
     excitations = {}
     if advice.excites(version):
         excitations = _excitations(advice, chosen, known, setup, air, wanted)
-    # The sweep of an axis, faded in while its first two cycles last.
+    # The sweep of an axis, faded in during its first two cycles.
     sweeps = {
         axis: Sweep(
             magnitude=each.magnitude,
@@ -291,7 +293,7 @@ def make_plan(
 
 
 def _model_words(known: Result | None, axes: Sequence[str], simulated: str) -> str:
-    """Name whose model the excitation is for: a log need not tell of every axis."""
+    """Return the source of the model for the excitation; a log may not identify every axis."""
     if known is None:
         return simulated
     untold = [axis for axis in axes if _of_log(known, axis) is None]
@@ -302,7 +304,7 @@ def _model_words(known: Result | None, axes: Sequence[str], simulated: str) -> s
 
 
 class _Known(NamedTuple):
-    """One axis, per unit of its command: the vehicle, what controls it, and what disturbs it."""
+    """One axis, per unit of its command: vehicle, controller and disturbance."""
 
     plant: Plant
     controller: AxisController
@@ -312,7 +314,7 @@ class _Known(NamedTuple):
 def _excitations(
     advice: Advice, axes: Sequence[str], known: Result | None, setup: Setup, air: str, wanted: float
 ) -> dict[str, AxisExcitation]:
-    """Return what fits each axis."""
+    """Return the excitation of each axis."""
     found = {}
     for axis in axes:
         number = AXES.index(axis)
@@ -342,7 +344,7 @@ def _excitations(
 
 
 def _of_log(known: Result | None, axis: str) -> _Known | None:
-    """Return what a flight tells of an axis; None where its loop is not known."""
+    """Return the vehicle, controller and air of an axis from a flight; None if its loop is not known."""
     if known is None:
         return None
     model, closed = known.identification.recommended, known.closed_loop
@@ -360,13 +362,13 @@ def _of_log(known: Result | None, axis: str) -> _Known | None:
 
 
 def _air_of(known: Result, number: int) -> Air | None:
-    """Return what disturbed an axis of a flight, where its fit leaves enough of it."""
+    """Return the disturbance of an axis in a flight, from the residual of the fit; None without one."""
     model = known.identification.recommended
     spectrum = None if model is None else residual_spectrum(model.fit, number)
     if model is None or spectrum is None:
         return None
     s = np.asarray(2j * np.pi * spectrum.frequency_hz, dtype=np.complex128)
-    # The residual has passed the filter of the fit; far above its edge nothing is left to divide by.
+    # The residual has passed the filter of the fit, whose gain is too small to divide by far above its cut-off.
     passed = gaussian_response(s, model.smoothing_hz) ** 2
     inside = (spectrum.frequency_hz <= model.smoothing_hz) & (spectrum.density > 0.0)
     if not inside.any():
@@ -375,16 +377,16 @@ def _air_of(known: Result, number: int) -> Air | None:
 
 
 def _gyro_filter_hz(propeller_inch: float) -> float:
-    """Return the cut-off of the gyro's filter that setup pages advise [Hz]."""
+    """Return the cut-off of the gyro filter that setup pages advise [Hz]."""
     advised_hz = _GYRO_FILTER_HZ * propeller_inch**_GYRO_FILTER_POWER
     return float(max(advised_hz, _LEAST_GYRO_FILTER_HZ))
 
 
 def _multisine(excitations: Mapping[str, AxisExcitation]) -> dict[str, object]:
-    """Return rate set-points that move all axes at once, each at its own frequencies.
+    """Return rate set-points that excite all axes at once, each at its own frequencies.
 
-    As `Advice.excitation_files` takes them. An axis that is not planned has no lines. Largest rates follow
-    from what the sweeps may do.
+    The result is the input of `Advice.excitation_files`. An axis that is not planned has no lines. The
+    largest rates follow from the limits of the sweeps.
     """
     planned = [axis for axis in AXES if axis in excitations]
     bands = tuple(
@@ -418,20 +420,22 @@ def _multisine(excitations: Mapping[str, AxisExcitation]) -> dict[str, object]:
 
 
 def parse_version(text: str) -> Version:
-    """Return the numbers of a firmware's version.
+    """Return the numbers of a firmware version.
 
     Parameters
     ----------
     text : str
+        Version, such as "v4.5.7".
 
     Returns
     -------
     tuple of int
+        Numbers, the most significant first.
 
     Raises
     ------
     SettingsError
-        If the text is none.
+        If the text is not a version.
 
     Examples
     --------
@@ -451,7 +455,7 @@ def predict(plan: Plan, vehicle: Vehicle | None = None) -> Prediction:
     ----------
     plan : Plan
     vehicle : Vehicle, optional
-        What is known replaces the simulated vehicle's; its calibration is used as `analyze` would.
+        Known properties; they replace those of the simulated vehicle. `analyze` uses its calibration too.
 
     Returns
     -------
@@ -490,7 +494,7 @@ def predict(plan: Plan, vehicle: Vehicle | None = None) -> Prediction:
 
 
 def _airframe(n_rotors: int, propeller_inch: float = PROPELLER_INCH) -> SimulatedAirframe:
-    """Return the simulated vehicle with that number of rotors, a quadrotor if it is not known."""
+    """Return the simulated vehicle with a number of rotors; a quadrotor if the number is not known."""
     makers = {0: quad_x, 4: quad_x, 6: hexa_x, 8: octa_coaxial}
     made = makers.get(n_rotors, quad_x)()
     if propeller_inch == PROPELLER_INCH:
@@ -500,7 +504,7 @@ def _airframe(n_rotors: int, propeller_inch: float = PROPELLER_INCH) -> Simulate
 
 
 def _manoeuvre(plan: Plan, time_s: FloatArray, rng: np.random.Generator) -> Reference:
-    """Return the references of the planned flight."""
+    """Return the set-points of the planned flight."""
     if plan.sweeps:
         order = [(AXES.index(axis), plan.sweeps[axis]) for axis in plan.axes]
         return sweeps_in_turn(time_s, rng, sweeps=order, pause_s=_PAUSE_S)

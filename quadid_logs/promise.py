@@ -1,4 +1,4 @@
-"""What a flight promises of the next one, and whether the next one kept it."""
+"""The promise of one flight for the next, and the check of the next flight against it."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ from quadid_logs.tuning import (
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, TORQUE_SYMBOLS
 
-#: Probability that a vehicle that keeps every promise is told that it does not.
+#: Probability of a false "broken" for a vehicle that keeps every promise.
 _FALSE_ALARMS: Final = 0.05
-#: Texts of a log, cut where no real one is as long.
+#: Largest length of a text of the log; real texts are shorter.
 _LONGEST: Final = 200
-#: The figures of a loop that are held against their promise; +1 where more is better. A lower crossover
+#: The margins that are compared with the promise; +1 if a larger value is better. A lower crossover frequency
 #: rejects gusts less.
 FIGURES: Final[Mapping[str, int]] = {
     "gain_margin_db": 1,
@@ -66,19 +66,21 @@ FIGURES: Final[Mapping[str, int]] = {
 
 
 def promise_of(result: Result, tuning: Tuning, log_sha256: str = "") -> Promise | None:
-    """Return what a flight promises of the next one with the recommended gains.
+    """Return the promise of a flight for the next one with the recommended gains.
 
     Parameters
     ----------
+    result : Result
+        Result of the flight.
     tuning : Tuning
-        What is recommended from it.
+        Recommendation from it.
     log_sha256 : str
-        Of the log, "" where unknown.
+        SHA-256 of the log, "" if unknown.
 
     Returns
     -------
     Promise or None
-        None where nothing is promised of any axis.
+        None if there is no promise for any axis.
     """
     axes = {}
     for axis, found in tuning.axes.items():
@@ -121,7 +123,7 @@ def _n_cells(result: Result) -> int:
 
 
 def _quantities(result: Result, model: Model) -> Iterator[VehicleQuantity]:
-    """Yield what the flight tells of effectiveness, couplings, lag and delay, per unit of command."""
+    """Yield the identified effectiveness, couplings, lag and delay, per unit of command."""
     given = result.data.input
     calibrated = given is not None and given.unit != "1"
     n_m = given.calibration.n_m_per_command if given is not None and calibrated else (1.0, 1.0, 1.0)
@@ -152,18 +154,19 @@ def _quantities(result: Result, model: Model) -> Iterator[VehicleQuantity]:
 
 
 def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
-    """Hold a promise against the next flight.
+    """Check the next flight against a promise.
 
-    A figure differs if the difference is more than its two 95 % intervals leave to chance, at a level of
-    5 % over all figures of the vehicle together (Holm). The vehicle's own numbers are also given what
-    differs between flights of one vehicle.
+    A margin differs if the difference is significant, given both 95 % intervals: at a level of 5 % over all
+    tests of the vehicle together (Holm). The tests of the vehicle's properties allow for the typical
+    differences between flights of one vehicle.
 
     Parameters
     ----------
+    promise : Promise
     after : Result
-        Of the next flight.
+        Result of the next flight.
     log_sha256 : str
-        Of its log, "" where unknown.
+        SHA-256 of its log, "" if unknown.
     """
     obstacle = _obstacle(promise, after, log_sha256)
     n_cells = (promise.n_cells, _n_cells(after))
@@ -215,9 +218,9 @@ def check(promise: Promise, after: Result, log_sha256: str = "") -> Check:
 
 
 def checked(before: Result, after: Result) -> Mapping[str, AxisCheck]:
-    """Hold what a flight promised of its successor against that.
+    """Check a flight against the promise of its predecessor.
 
-    By axis that flew with the recommended gains, where these are others than before.
+    The result holds the axes that flew with recommended gains which differ from the previous gains.
     """
     flown = [flown_parameters(one.log, one.data) for one in (before, after)]
     tunable = named(before.log.autopilot).tunable(flown[0])
@@ -238,7 +241,7 @@ def checked(before: Result, after: Result) -> Mapping[str, AxisCheck]:
 
 
 def _obstacle(promise: Promise, after: Result, log_sha256: str) -> Obstacle | None:
-    """Return why nothing can be compared."""
+    """Return why the flight cannot be compared with the promise; None if it can."""
     log = after.log
     if log_sha256 and log_sha256 == promise.log_sha256:
         return Obstacle.SAME_LOG
@@ -254,7 +257,7 @@ def _obstacle(promise: Promise, after: Result, log_sha256: str) -> Obstacle | No
 
 
 def _axis_check(promised: AxisPromise, after: Result, axis: str, obstacle: Obstacle | None) -> AxisCheck:
-    """Hold one axis against its promise; whether figures differ is decided for all axes together."""
+    """Compare one axis with its promise; significance is decided later, for all axes together."""
     parameters = flown_parameters(after.log, after.data)
     values = {name: parameters.get(name, math.nan) for name in promised.gains}
     # Whose law flew; gains may be written in more than one way, as a product of two.
@@ -278,7 +281,7 @@ def _axis_check(promised: AxisPromise, after: Result, axis: str, obstacle: Obsta
             obstacle = Obstacle.NO_MARGINS
     if obstacle is not None or promised.margins is None or seen is None:
         return AxisCheck(held=Held.NOT_COMPARABLE, obstacle=obstacle, flown=flown, other_gains=other)
-    # The margins with the angle loop, of the rate loop where one flight knows no other.
+    # The margins with the angle loop; those of the rate loop if one flight has no others.
     if promised.margins.full is None or seen.full is None:
         same_loop = (promised.margins.rate, seen.rate)
     else:
@@ -315,21 +318,21 @@ def _figures(promised: Margins, seen: Margins) -> Iterator[FigureCheck]:
 
 
 def _p_value(said: Estimated, found: Estimated, spread: float = 0.0, bias: float = 0.0) -> float:
-    """Return with what probability two values of one quantity differ by as much by chance.
+    """Return the p-value of the difference of two values of one quantity.
 
     Parameters
     ----------
     said, found : Estimated
-        Independent; of each interval the half that faces the other value counts.
+        Independent estimates. Of each interval, the half that faces the other value counts.
     spread : float
-        Half of the 95 % interval of what differs between flights.
+        Half of the 95 % interval of the difference between flights.
     bias : float
-        What a known cause may shift the value by, to either side.
+        Possible shift by a known cause, to either side.
 
     Returns
     -------
     float
-        Two-sided.
+        Two-sided p-value.
     """
     difference = found.value - said.value
     down = difference < 0.0
@@ -345,7 +348,7 @@ def _p_value(said: Estimated, found: Estimated, spread: float = 0.0, bias: float
 
 
 def _vehicle_checks(promise: Promise, after: Result) -> Iterator[VehicleCheck]:
-    """Hold the vehicle's numbers against those of the flight of the promise, where both know them."""
+    """Compare the vehicle's properties with those of the flight of the promise, if both are identified."""
     models = after.identification.models
     model = next((one for one in models if one.structure == promise.structure), None)
     if model is None:
@@ -382,10 +385,10 @@ def _vehicle_checks(promise: Promise, after: Result) -> Iterator[VehicleCheck]:
 
 
 def _axis_decision(promise: Promise, after: Result, axis: str, one: AxisCheck, advised: Tuning) -> Decision:
-    """Return what to do with the gains of an axis: what the next flight's own recommendation says, or back.
+    """Return the decision for the gains of an axis: follow the new recommendation, or go back.
 
-    Back only where the margins of the flown gains are below the limits, and those of the gains before are
-    calmer on the vehicle as it flies now.
+    Go back only if the margins of the flown gains are below the limits, and the previous gains have larger
+    margins on the present vehicle.
     """
     found = advised.axes.get(axis)
     if found is None:
@@ -408,7 +411,7 @@ def _axis_decision(promise: Promise, after: Result, axis: str, one: AxisCheck, a
 
 
 def _decision(promise: Promise, axes: Mapping[str, AxisCheck]) -> Decision:
-    """Return the most urgent decision of the axes that something was promised of."""
+    """Return the most urgent decision of the axes with a promise."""
     own = [one.decision for axis, one in axes.items() if promise.axes[axis].margins is not None]
     for urgent in (Decision.BACK, Decision.GO_ON, Decision.NO_ADVICE):
         if urgent in own:

@@ -1,4 +1,4 @@
-"""Read what a user knows about the vehicle from a TOML file."""
+"""Read known properties of a vehicle from a TOML file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from quadid_logs.errors import VehicleFileError
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
-#: What no multirotor exceeds: beyond it, and often far below, the unit is another one.
+#: Upper bounds for any multirotor. A larger value has the wrong unit.
 _LARGEST = {
     "mass_kg": (250.0, "Give kg, not g."),
     "arm_length_m": (10.0, "Give m, not mm."),
@@ -28,7 +28,7 @@ _POSITIVE = tuple(_LARGEST)
 _KEYS = ("name", *_POSITIVE, "rotor", "thrust_curve", "inertia_kg_m2")
 _ROTOR_KEYS = ("position_m", "spin")
 _SPINS = ("ccw", "cw")
-#: No vehicle has more; a longer list is a mistake.
+#: Largest number of rotors; a longer list is a mistake.
 _MOST_BYTES, _MOST_ROTORS = 1_000_000, 64
 
 
@@ -38,12 +38,11 @@ def read_vehicle(path: Path) -> Vehicle:
     Parameters
     ----------
     path : Path
-        TOML with any of ``name``, ``mass_kg``, ``arm_length_m`` or
-        ``[[rotor]]`` tables (``position_m = [x, y, z]`` in FRD [m], ``spin =
-        "ccw"`` or ``"cw"`` seen from above), ``max_thrust_n`` or
-        ``thrust_curve`` ([[command, thrust in N], ...]), both per rotor,
-        ``torque_to_thrust_m``, and ``inertia_kg_m2`` (three moments, ``nan``
-        for one that is not known, or a symmetric 3 by 3 tensor).
+        TOML file. All keys are optional: ``name``; ``mass_kg``; ``arm_length_m`` or ``[[rotor]]`` tables
+        (``position_m = [x, y, z]`` in FRD [m], ``spin = "ccw"`` or ``"cw"`` seen from above);
+        ``max_thrust_n`` or ``thrust_curve`` ([[command, thrust in N], ...]), both for one rotor;
+        ``torque_to_thrust_m``; ``inertia_kg_m2`` (three moments, ``nan`` for an unknown moment, or a
+        symmetric 3 by 3 tensor).
 
     Returns
     -------
@@ -52,8 +51,8 @@ def read_vehicle(path: Path) -> Vehicle:
     Raises
     ------
     VehicleFileError
-        If the file cannot be read, is no TOML, or holds an unknown key, a
-        value of the wrong type, or one that is not positive or beyond any vehicle.
+        If the file cannot be read, is not TOML, or holds an unknown key. Also if a value has the wrong type,
+        is not positive, or is too large for any vehicle.
 
     Examples
     --------
@@ -141,7 +140,7 @@ def _wrong(path: Path, what: str, hint: str) -> VehicleFileError:
 
 
 def _refuse_unknown(path: Path, content: Mapping[str, Any], keys: Iterable[str]) -> None:
-    """Raise if there is a key that nothing reads: a misspelt value would be silently missing."""
+    """Raise if there is an unknown key: a misspelt key would be ignored without notice."""
     known = tuple(keys)
     for key in content:
         if key not in known:

@@ -1,11 +1,11 @@
-"""Many logs of many vehicles: analyze them on one machine or many, and see how each vehicle ages.
+"""Analysis of many logs of many vehicles, on one machine or many, with the history of each vehicle.
 
 ::
 
     log_files  ->  work (in processes of the workers)  ->  store  ->  history  ->  changes  ->  page
-                     ^ engine hands them out                  sql asks anything else
+                     ^ distributed by engine                  sql for other queries
 
-Needs ``quadid-logs[fleet]``; nothing else of the package does.
+Only this package needs ``quadid-logs[fleet]``.
 """
 
 from __future__ import annotations
@@ -34,43 +34,45 @@ def fleet(
     scheduler: str = "",
     resume: bool = False,
 ) -> StoredFleet:
-    """Analyze many logs, one row per log, flight and axis, on this machine's cores or on a cluster.
+    """Analyze many logs on the cores of this machine or on a cluster: one row for each log, flight and axis.
 
     Parameters
     ----------
     logs : str, Path, FlightLog or Result, or a sequence of these
-        Files, folders, patterns, URLs; a log or a result stands for the file that it was read from. An empty
-        sequence opens a store that exists.
+        Files, folders, patterns or URLs. A log or a result stands for the file that it was read from. An
+        empty sequence opens an existing store.
     store : str or Path
         Folder of the store.
     structure : str
-        Of all models: others do not compare.
+        Structure of all models; models of different structures cannot be compared.
     band : (low, high), optional
-        Fit every log from low to high [Hz]; without it each log decides.
+        Frequency band of the fit for all logs [Hz]. By default it is selected for each log.
     vehicle : str or Path
-        Vehicle file with mass, arms and thrust of all vehicles, "" without.
+        Vehicle file with mass, arms and thrust for all vehicles; "" for none.
     workers : int
-        Local processes; 0 takes one per core.
+        Number of local processes; 0 takes one for each core.
     scheduler : str
-        Address of a Dask scheduler, "" for local processes.
+        Address of a Dask scheduler; "" for local processes.
     resume : bool
-        Go on with a store that exists: skip what it holds, try lost logs again.
+        Whether to continue an existing store: logs in it are skipped, lost logs are tried again.
 
     Returns
     -------
     StoredFleet
-        What the store holds.
+        The store with all rows.
 
     Raises
     ------
-    OutputError, SettingsError
-        If the store cannot be written, or was made otherwise; if the scheduler does not answer or a library
-        is missing; if a log or a table was read from no file.
+    OutputError
+        If the store cannot be written.
+    SettingsError
+        If the store was made with other options, the scheduler does not answer, or a library is missing.
+        Also if a log or a table was not read from a file.
 
     Notes
     -----
-    Local workers import the script that calls this, as those of `multiprocessing` do: in a script, call it
-    below ``if __name__ == "__main__":``, or each worker runs all of the script again.
+    Local workers import the calling script, like those of `multiprocessing`. In a script, call this function
+    below ``if __name__ == "__main__":``; otherwise each worker runs the whole script again.
 
     Examples
     --------
@@ -84,7 +86,7 @@ def fleet(
     from quadid_logs.fleets.run import run_fleet
     from quadid_logs.fleets.stored import StoredFleet
 
-    # A table is one log, and iterates over its columns.
+    # A table is one log, although it iterates over its columns.
     several = isinstance(logs, Iterable) and not isinstance(logs, str) and not hasattr(logs, "keys")
     places = [_place(each) for each in (logs if several else [logs])]  # type: ignore[union-attr]
     if places:
@@ -94,7 +96,7 @@ def fleet(
 
 
 def _place(log: object) -> str:
-    """Return what names a log: its workers, which may be on other machines, read it by themselves."""
+    """Return the path or URL of a log. Workers read the log themselves, possibly on other machines."""
     if isinstance(log, str | Path):
         return str(log)
     path = getattr(log.log if isinstance(log, Result) else log, "path", "")
@@ -110,7 +112,7 @@ def _place(log: object) -> str:
 
 
 def _options(structure: str, band: tuple[float, float] | None, vehicle: str | Path) -> Options:
-    """Return what holds for every log; what makes no sense is refused before the work."""
+    """Return the options for all logs; invalid options are refused before the work begins."""
     from quadid_logs.fleets.options import Options
     from quadid_logs.vehicle_file import read_vehicle
 

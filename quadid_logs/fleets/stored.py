@@ -1,4 +1,4 @@
-"""A store as Python sees it: counts, rows, SQL."""
+"""The store of a fleet for Python: counts, rows, SQL."""
 
 from __future__ import annotations
 
@@ -18,24 +18,25 @@ class StoredFleet(NamedTuple):
     Attributes
     ----------
     folder : Path
+        Folder of the store.
     """
 
     folder: Path
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many logs were analyzed, unreadable, lost."""
+        """Number of logs that were analyzed, unreadable or lost."""
         rows = read_rows(self.folder, ("status", "sha256", "url"))
         logs = {row["sha256"] or row["url"]: row["status"] for row in rows}
         return dict(Counter(logs.values()))
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return all rows: one per log, flight and axis.
+        """Return all rows: one for each log, flight and axis.
 
         Raises
         ------
         SettingsError
-            If the folder is no store, or pandas is not installed.
+            If the folder is not a store, or pandas is not installed.
         """
         from quadid_logs.extra import load
         from quadid_logs.fleets.store import read_table
@@ -45,12 +46,12 @@ class StoredFleet(NamedTuple):
         return frame
 
     def query(self, sql: str) -> list[dict[str, object]]:
-        """Return the rows that one SQL statement about the table ``fleet`` gives.
+        """Return the rows of one SQL statement on the table ``fleet``.
 
         Raises
         ------
         SettingsError
-            If the folder is no store, or the statement fails.
+            If the folder is not a store, or the statement fails.
         """
         from quadid_logs.fleets.sql import ask
 

@@ -1,4 +1,4 @@
-"""A nonlinear multirotor with known truth, flown closed-loop, logged like a real one."""
+"""Simulation of a nonlinear multirotor in closed loop, logged like a real vehicle, with known truth."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ class Simulation:
     Attributes
     ----------
     log : FlightLog
-        What the autopilot would have logged.
+        The log that the autopilot would have written.
     truth : dict
-        What is true, ready for JSON.
+        True values of the simulated vehicle, ready for JSON.
     damage : tuple of Damage
-        What happens to the file after it was written (`damage_bytes`).
+        Damage of the file after writing (`damage_bytes`).
     """
 
     log: FlightLog
@@ -77,25 +77,25 @@ def simulate(
     scenario : str
         A key of `SCENARIOS`.
     seed : int
-        The same seed gives the same flight, bit for bit.
+        Seed of the random numbers. The same seed gives the same flight, bit for bit.
     duration_s : float, optional
-        Length of the log [s], instead of the scenario's.
+        Length of the log [s]; the default is that of the scenario.
     rate_hz : float, optional
-        Rate of the main messages [Hz], instead of the scenario's.
+        Rate of the main messages [Hz]; the default is that of the scenario.
     vehicle : Vehicle, optional
-        What is given replaces the scenario's vehicle.
+        Given properties replace those of the scenario's vehicle.
     autopilot : str
-        "ardupilot", "px4", "betaflight" or "crazyflie": whose mixer flies and whose messages are logged.
+        "ardupilot", "px4", "betaflight" or "crazyflie": the autopilot of mixer and log messages.
 
     Returns
     -------
     Simulation
-        The log and its truth.
+        The log and the true values.
 
     Raises
     ------
     SimulationError
-        If there is no such scenario, or it cannot be flown with these values.
+        If the scenario is unknown, or cannot be simulated with these values.
 
     Examples
     --------
@@ -118,11 +118,11 @@ def simulate(
         autopilot=autopilot,
     )
     if autopilot == "betaflight":
-        # Refuse what has no order of motors in the log.
+        # Refuse a vehicle without an order of motors in the log.
         motor_order(setups[0])
     records = tuple(fly(setup) for setup in setups)
     truth = flight_truth(records, scenario=scenario, boot_s=logging.boot_s)
-    # What was done to the log, and what `analyze` may say about it.
+    # The faults of the log, and the findings that `analyze` may give.
     truth |= {
         "logging": dataclasses.asdict(logging),
         "damage": [dataclasses.asdict(damage) for damage in found.damage],
@@ -142,7 +142,7 @@ def find_scenario(name: str) -> Scenario:
     Raises
     ------
     SimulationError
-        If there is none, with the nearest names as a hint.
+        If the scenario is unknown; the hint lists similar names.
     """
     if name in SCENARIOS:
         return SCENARIOS[name]
@@ -165,28 +165,29 @@ def plan_flights(
 
     Parameters
     ----------
+    scenario : Scenario
     seed : int
-        Of manoeuvre, noise and wind.
+        Seed of manoeuvre, noise and wind.
     duration_s : float
-        Of all flights together [s].
+        Total length of all flights [s].
     rate_hz : float
-        Of the main messages [Hz]; the control rate is a multiple of it.
+        Rate of the main messages [Hz]; the control rate is a multiple of it.
     vehicle : Vehicle, optional
-        What is given replaces the scenario's vehicle.
+        Given properties replace those of the scenario's vehicle.
     autopilot : str
         "ardupilot", "px4" or "betaflight".
 
     Returns
     -------
     tuple of Setup
-        One per flight of the scenario.
+        One setup for each flight of the scenario.
 
     Raises
     ------
     SimulationError
-        If duration, rate or vehicle cannot be flown.
+        If the scenario cannot be simulated with this duration, rate or vehicle.
     """
-    # The duration of each flight of a scenario [s].
+    # Length of each flight of a scenario [s].
     each_s = duration_s / scenario.n_flights
     if not (each_s >= _MIN_FLIGHT_S and duration_s <= _MAX_DURATION_S):
         raise SimulationError(
@@ -222,7 +223,7 @@ def plan_flights(
 
 
 def _schedule(duration_s: float) -> Schedule:
-    """Phases of one flight; a short one hurries."""
+    """Return the phases of one flight, which are shortened for a short flight."""
     pace = min(1.0, duration_s / 30.0)
     return Schedule(
         arm_s=0.5,
