@@ -368,7 +368,7 @@ def _air_of(known: Result, number: int) -> Air | None:
     if model is None or spectrum is None:
         return None
     s = np.asarray(2j * np.pi * spectrum.frequency_hz, dtype=np.complex128)
-    # The residual has passed the filter of the fit, whose gain is too small to divide by far above its cut-off.
+    # The residual has passed the filter of the fit, whose gain is too small far above its cut-off.
     passed = gaussian_response(s, model.smoothing_hz) ** 2
     inside = (spectrum.frequency_hz <= model.smoothing_hz) & (spectrum.density > 0.0)
     if not inside.any():

@@ -280,10 +280,11 @@ def judged(name: str, number: int, seed: int) -> Iterator[dict[str, Any]]:
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """Return what was told, attack by attack, as Markdown."""
+    """Return verdicts and errors by attack as Markdown."""
     lines = [
-        "| attack | axes | usable | caution | refused | usable, outside | usable, beyond 1.5 half-widths "
-        "| caution, outside | worst miss, usable |",
+        "| attack | axes | usable | caution | refused | usable, true value outside "
+        "| usable, beyond 1.5 half-widths | caution, true value outside "
+        "| usable, largest error [half-widths] |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for name in ATTACKS:
@@ -314,7 +315,7 @@ def main(arguments: list[str] | None = None) -> int:
                 print(json.dumps(row), flush=True)
     print(table(rows))
     if options.publish:
-        TABLE.write_text(f"{options.flights} flights of each, seed {options.seed}.\n\n{table(rows)}")
+        TABLE.write_text(f"{options.flights} flights of each attack, seed {options.seed}.\n\n{table(rows)}")
     return 0
 
 

@@ -75,15 +75,15 @@ def margins_page(flights: list[dict[str, Any]], table: pd.DataFrame) -> str:
     str
     """
     loops = table[table["figure"] == "phase_margin_deg"]
-    # What a refused axis or a controller that did not replay forbids to say is not told.
+    # A refused axis, or a controller that does not reproduce the log, has no margins.
     untold = loops[~loops["told"] & (loops["verdict"] != "refused")]
     told = table[table["told"]]
     both = told[told["figure"].isin(_SHOWN)]
     lines = [
-        f"{len(flights)} flights, seed {flights[0]['seed']}: {len(loops)} loops, margins of "
-        f"{int(loops['told'].sum())}; of {len(untold)} on axes that are not refused there are none. "
-        f"Phase and gain margin together: {_percent(both['inside'].mean())} inside, aim "
-        f"{_percent(PROMISE[0])} to {_percent(PROMISE[1])}.",
+        f"{len(flights)} flights, seed {flights[0]['seed']}: {len(loops)} loops, "
+        f"{int(loops['told'].sum())} of them with margins. On axes that are not refused, {len(untold)} loops "
+        f"have none. True phase and gain margins in the interval: {_percent(both['inside'].mean())} "
+        f"(target {_percent(PROMISE[0])} to {_percent(PROMISE[1])}).",
         "",
         *_figures_part(told),
         *_unstable_part(loops),
@@ -96,8 +96,8 @@ def margins_page(flights: list[dict[str, Any]], table: pd.DataFrame) -> str:
 def _figures_part(told: pd.DataFrame) -> list[str]:
     """Coverage and errors of each figure."""
     lines = [
-        "| figure | number | inside | 95 % interval of it | median z | spread of z | median error "
-        "| 90 % below | median half-width |",
+        "| margin | number | inside | 95 % interval of it | median z | spread of z | median error "
+        "| 90 % quantile | median half-width |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for figure, (words, unit) in WORDS.items():
@@ -117,16 +117,16 @@ def _figures_part(told: pd.DataFrame) -> list[str]:
 
 
 def _unstable_part(loops: pd.DataFrame) -> list[str]:
-    """Say how often stability itself was told rightly."""
+    """Return how often stability itself was judged correctly."""
     known = loops[loops["stable"].notna()] if "stable" in loops else loops.iloc[:0]
     wrong = int((known["stable"].astype(bool) != known["true_stable"]).sum())
-    return [f"Stable or not was told of {len(known)} loops, and wrongly of {wrong}.", ""]
+    return [f"Stability was judged for {len(known)} loops, and wrongly for {wrong}.", ""]
 
 
 def _group_part(part: pd.DataFrame, words: str) -> list[str]:
     """Coverage of one figure by what the loops differ in."""
     lines = [
-        f"### {words.capitalize()}: where",
+        f"### {words.capitalize()} by group",
         "",
         "| by | group | number | inside | median z | median error | median half-width |",
         "|---|---|---|---|---|---|---|",

@@ -421,12 +421,12 @@ def summarise(roads: list[dict[str, Any]]) -> str:
     flown = [one for one in roads if "error" not in one]
     vehicles = {(one["seed"], one["number"] // len(GUSTS)) for one in flown}
     lines = [
-        f"{len(vehicles)} vehicles in air of {', '.join(f'{one:g}' for one in GUSTS)} rad/s², "
-        f"{len(flown)} roads of at most {N_CHANGES} changes of each axis in {_MOST_FLIGHTS} flights, "
-        f"{len(failed)} failed.",
+        f"{len(vehicles)} vehicles in gusts of {', '.join(f'{one:g}' for one in GUSTS)} rad/s², "
+        f"{len(flown)} series of at most {_MOST_FLIGHTS} flights with at most {N_CHANGES} changes of each "
+        f"axis, {len(failed)} failed.",
         "",
-        "| axis, gusts | roads | error over that of the best gains: flown | after the last change, median "
-        "(9 of 10 below) | within 1.3 | within 1.5 |",
+        "| axis, gusts | series | error over that of the best gains: flown | after the last change, median "
+        "(90 % quantile) | within 1.3 | within 1.5 |",
         "|---|---|---|---|---|---|",
     ]
     for axis in AXES:
@@ -448,12 +448,12 @@ def summarise(roads: list[dict[str, Any]]) -> str:
     least = min((after for _, after in pairs if after), default=float("nan"))
     lines += [
         "",
-        f"- Changes of gains: {len(pairs)}; the true loop kept its limits, or what it had of them, in "
-        f"{_percent(np.array(kept))}; unstable: {sum(after <= 0.0 for _, after in pairs)}; least part of the "
-        f"limits kept after a change: {least:.2f}.",
-        f"- Ends below the error of the best gains: {len(below)}, of which {sum(map(bool, below))} lack what "
-        "these keep (bandwidth of the attitude, integral gain, noise); least ratio "
-        f"{min(every, default=float('nan')):.2f}.",
+        f"- Changes of gains: {len(pairs)}. After {_percent(np.array(kept))} of them, true margins met the "
+        f"limits or were no further below them; unstable loops: {sum(after <= 0.0 for _, after in pairs)}; "
+        f"smallest margin over its limit: {least:.2f}.",
+        f"- Final gains with a smaller error than the best gains: {len(below)}. Of these, "
+        f"{sum(map(bool, below))} miss another requirement (attitude bandwidth, integral gain, noise). "
+        f"Smallest ratio of errors: {min(every, default=float('nan')):.2f}.",
     ]
     codes = Counter(
         " ".join([code, *(["(" + " ".join(told["codes"]) + ")"] if code == "QL615" else [])])
@@ -467,7 +467,7 @@ def summarise(roads: list[dict[str, Any]]) -> str:
         "verdict" in flight["axes"][axis] for one in flown for axis in AXES for flight in one["flights"]
     )
     named_codes = ", ".join(f"{code} {count}" for code, count in codes.most_common(12))
-    lines.append(f"- Refused in {sum(codes.values())} of {judged} judgements: {named_codes}.")
+    lines.append(f"- Refused in {sum(codes.values())} of {judged} verdicts: {named_codes}.")
     return "\n".join(lines) + "\n"
 
 

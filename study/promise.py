@@ -159,9 +159,9 @@ def summarise(vehicles: list[dict[str, Any]]) -> str:
     """
     promised = [one for one in vehicles if one["cases"]]
     lines = [
-        f"{len(vehicles)} vehicles, of {len(promised)} of which something was promised.",
+        f"{len(vehicles)} vehicles, {len(promised)} with a promise.",
         "",
-        "| promised | true loop of the next flight inside |",
+        "| promised margin | true value of the next flight in interval |",
         "|---|---|",
     ]
     figures = [figure for one in promised for figure in one.get("figures", [])]
@@ -170,7 +170,7 @@ def summarise(vehicles: list[dict[str, Any]]) -> str:
         inside = sum(one["ci95"][0] <= one["true"] <= one["ci95"][1] for one in some)
         share = 100.0 * inside / max(len(some), 1)
         lines.append(f"| {name or 'all'} | {share:.1f} % of {len(some)} |")
-    lines += ["", "| what was done | kept | broken | not comparable |", "|---|---|---|---|"]
+    lines += ["", "| change before the next flight | kept | broken | not comparable |", "|---|---|---|---|"]
     for case in (*CASES, _NOT_LOADED):
         counts = Counter(one["cases"][case]["outcome"] for one in promised if case in one["cases"])
         cells = [str(counts[outcome.value]) for outcome in Outcome]

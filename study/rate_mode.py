@@ -112,18 +112,22 @@ def summarise(vehicles: list[dict[str, Any]]) -> str:
     seeds = ", ".join(sorted({str(one["seed"]) for one in vehicles}))
     lines = [
         f"{len(vehicles)} vehicles (seed {seeds}), gusts of {_GUSTS:g} rad/s², roll and pitch, one flight, "
-        f"{failed} failed: {len(changed)} of {len(axes)} axes are told other gains.",
+        f"{failed} failed: {len(changed)} of {len(axes)} axes get other gains.",
         "",
-        "| true rate loop | flown: median (least, most) | next gains |",
+        "| true rate loop | flown gains: median (smallest, largest) | next gains |",
         "|---|---|---|",
     ]
-    for name, title in (("spare", "worst margin over its limit"), ("resonance_db", "resonance [dB]")):
+    for name, title in (("spare", "smallest margin over its limit"), ("resonance_db", "resonance [dB]")):
         cells = [_spread([one[when][name] for one in changed]) for when in ("flown", "next")]
         lines.append(f"| {title} | {' | '.join(cells)} |")
     ratio = [one["next"]["error_rad"] / one["flown"]["error_rad"] for one in changed]
-    lines.append(f"| attitude error in gusts, over the flown gains | 1 | {_spread(ratio)} |")
+    lines.append(f"| attitude error by gusts, relative to flown gains | 1 | {_spread(ratio)} |")
     kept = sum(one["next"]["spare"] >= min(1.0, one["flown"]["spare"]) for one in changed)
-    lines += ["", f"The limits, or what flew of them, are kept by {kept} of {len(changed)}."]
+    lines += [
+        "",
+        "True margins meet the limits, or are no further below them than before, "
+        f"on {kept} of {len(changed)} axes.",
+    ]
     return "\n".join(lines) + "\n"
 
 

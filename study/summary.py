@@ -255,11 +255,12 @@ def _verdict_part(verdicts: pd.DataFrame) -> list[str]:
     lines = [
         "### Usable and wrong, by structural effect",
         "",
-        f"Wrong: the true gain lies outside {WRONG_HALF_WIDTHS:g} half-widths of its interval and "
-        f"{100.0 * WRONG_FRACTION:g} % of its value. The aim is {_percent(MOST_WRONG)} of all axes at most.",
+        f"Wrong: the error of the effectiveness is above {WRONG_HALF_WIDTHS:g} half-widths of its interval "
+        f"and above {100.0 * WRONG_FRACTION:g} % of its value. The target is at most {_percent(MOST_WRONG)} "
+        "of all axes.",
         "",
         "| effect | flights | usable | caution | refused | usable and wrong | of all axes "
-        "| 95 % interval of it | worst error of a usable gain |",
+        "| 95 % interval of it | largest error of a usable effectiveness |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in verdicts.itertuples():
@@ -276,7 +277,7 @@ def _verdict_part(verdicts: pd.DataFrame) -> list[str]:
 def _coverage_part(summary: pd.DataFrame) -> list[str]:
     """Coverage by kind of parameter."""
     lines = [
-        "| kind | claimed | coverage | 95 % interval of it | promise kept | median z | spread of z "
+        "| kind | claimed | coverage | 95 % interval of it | on target | median z | spread of z "
         "| within 10 % | median error | median half-width |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
@@ -293,7 +294,7 @@ def _coverage_part(summary: pd.DataFrame) -> list[str]:
 def _axes_part(flights: list[dict[str, Any]], table: pd.DataFrame) -> list[str]:
     """On-axis effectiveness by axis: verdicts, coverage, error."""
     lines = [
-        "| axis | usable | caution | refused | coverage | within 10 % | worst error |",
+        "| axis | usable | caution | refused | coverage | within 10 % | largest error |",
         "|---|---|---|---|---|---|---|",
     ]
     for axis, letter in zip(AXES, "pqr", strict=True):
@@ -315,7 +316,7 @@ def _axes_part(flights: list[dict[str, Any]], table: pd.DataFrame) -> list[str]:
 def _group_part(kind: str, groups: pd.DataFrame) -> list[str]:
     """Coverage of one kind by what the flights differ in."""
     lines = [
-        f"### {kind.capitalize()}: where",
+        f"### {kind.capitalize()} by group",
         "",
         "| by | group | number | coverage | median z | within 10 % | median half-width |",
         "|---|---|---|---|---|---|---|",
@@ -329,10 +330,10 @@ def _group_part(kind: str, groups: pd.DataFrame) -> list[str]:
 
 
 def _kept(coverage: float) -> str:
-    """Say on which side of the promise a coverage lies."""
+    """Return whether a coverage is on target, or on which side of it."""
     if coverage < PROMISE[0]:
-        return "no, too few"
-    return "no, too many" if coverage > PROMISE[1] else "yes"
+        return "no, too low"
+    return "no, too high" if coverage > PROMISE[1] else "yes"
 
 
 def _percent(fraction: float) -> str:

@@ -1,4 +1,4 @@
-"""What the tuning study found: a page, and a picture of margins before and after."""
+"""Results of the tuning study: a page, and a picture of margins before and after."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from quadid_logs.vocabulary import AXES
 _FIGURES: Final = {"gain_margin_db": "gain [dB]", "phase_margin_deg": "phase [deg]", "disk_margin": "disk"}
 _LIMITS: Final = {"gain_margin_db": 6.0, "phase_margin_deg": 45.0, "disk_margin": 0.67}
 _PICTURE: Final = "margins.png"
-#: Of an axis that the analysis does not call usable.
+#: Finding of an axis that is not usable.
 _NOT_USABLE: Final = "QL615"
 
 
 class Followed(NamedTuple):
-    """A flight with recommended gains on one axis: what was promised, what is true, what its log tells."""
+    """A flight with recommended gains on one axis: promised, true and estimated margins."""
 
     promised: dict[str, Any]
     true: dict[str, Any]
@@ -74,13 +74,13 @@ def summarise(vehicles: list[dict[str, Any]], output: Path) -> str:
         f"{len(known)} vehicles, {sum(len(one['flights']) for one in known)} flights, {len(failed)} failed.",
         "",
         f"- Unstable true loops in flights with recommended gains: {_unstable(every)}; "
-        f"vehicles that got away: {sum(one['ran_away'] for each in known for one in each['flights'])}.",
-        f"- Axes at the end: {_counted(one['verdict'] for one in ends)}.",
-        f"- Refused because of: {_counted(_refusals(ends))}; of these axes {_earlier(known)} had got "
-        "gains, or been told to keep them, in an earlier flight.",
-        f"- Of the axes that end with keep, {_kept(ends)} have the limits in truth.",
-        f"- A contradicted response (QL614) in {_judged(known, 'QL614')} judgements.",
-        f"- Held below what the margins allow, of those kept: {_counted(_held(ends))}.",
+        f"vehicles that lost control: {sum(one['ran_away'] for each in known for one in each['flights'])}.",
+        f"- Verdicts after the last flight: {_counted(one['verdict'] for one in ends)}.",
+        f"- Reasons for refusal: {_counted(_refusals(ends))}. In an earlier flight, {_earlier(known)} of "
+        "these axes had a recommendation.",
+        f"- The true margins meet the limits on {_kept(ends)} axes with the final verdict keep.",
+        f"- The measured response contradicted the model (QL614) in {_judged(known, 'QL614')} verdicts.",
+        f"- Gains held below what the margins allow, with the final verdict keep: {_counted(_held(ends))}.",
         "",
         *_promise_table(every),
         "",
@@ -102,7 +102,7 @@ def _refusals(ends: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def _kept(ends: list[dict[str, Any]]) -> str:
-    """Count the axes whose gains are called right, and those that keep the limits in truth."""
+    """Count the axes with the final verdict keep, and those whose true margins meet the limits."""
     kept = [one["true"] for one in ends if one["verdict"] == "keep"]
     good = [
         all(one[name] is None or one[name][0] >= limit for name, limit in _LIMITS.items()) for one in kept
@@ -111,7 +111,7 @@ def _kept(ends: list[dict[str, Any]]) -> str:
 
 
 def _judged(known: list[dict[str, Any]], code: str) -> str:
-    """Count the judgements of an axis of a flight, and those that begin with a code."""
+    """Count the verdicts of all axes and flights, and those whose first reason is a code."""
     first = [
         one["reasons"][:1] for each in known for flight in each["flights"] for one in flight["axes"].values()
     ]
@@ -138,8 +138,8 @@ def _counted(names: Iterator[str]) -> str:
 
 
 def _promise_table(every: list[Followed]) -> Iterator[str]:
-    """Yield how often a promise holds what it says, in all flights and in the final ones."""
-    yield "| promised | inside, true loop | inside, of the next log | true loop at least the lower end |"
+    """Yield how often the intervals of a promise contain the true value, in all and in final flights."""
+    yield "| promised margin | true value in interval | next estimate in interval | true value not below it |"
     yield "|---|---|---|---|"
     for kind, chosen in (("", every), ("final flight, ", [one for one in every if one.final])):
         for name, title in _FIGURES.items():
@@ -160,7 +160,7 @@ def _fraction(chosen: list[Followed], name: str, way: str) -> str:
 
 
 def _rejection(known: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield what the attitude error of gusts became."""
+    """Yield the change of the attitude error by gusts."""
     raised, lowered = [], []
     for vehicle in known:
         for axis in AXES:
@@ -172,10 +172,10 @@ def _rejection(known: list[dict[str, Any]]) -> Iterator[str]:
             if ratios:
                 total = float(np.prod(ratios))
                 (raised if total < 1.0 else lowered).append(total)
-    for name, found in (("better", raised), ("worse, for the sake of the margins", lowered)):
+    for name, found in (("reduced", raised), ("increased, for larger margins,", lowered)):
         if found:
             times = f"times {np.median(found):.2f} (median)"
-            yield f"- Attitude error of gusts {name} on {len(found)} axes: {times}."
+            yield f"- Attitude error by gusts {name} on {len(found)} axes: {times}."
 
 
 def _draw(known: list[dict[str, Any]], path: Path) -> None:

@@ -500,7 +500,7 @@ def test_the_study_of_rate_loops_counts_those_that_lose_their_limits() -> None:
     axes = {"a": axis(1.2, 1.01), "b": axis(1.2, 0.99), "c": axis(0.7, 0.7), "d": axis(0.7, 0.6)}
     text = rate_mode.summarise([{"seed": 1, "axes": {**axes, "e": {"verdict": "refused"}}}])
     assert "4 of 5 axes" in text
-    assert "kept by 2 of 4" in text
+    assert "on 2 of 4 axes" in text
 
 
 def test_a_log_without_its_angle_gains_has_no_angle_loop() -> None:
