@@ -163,7 +163,7 @@ def read_log(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog
                 f"{path} is damaged in a way that stops the reader ({type(error).__name__}: {error}).",
                 hint="Please report it with the log.",
             ) from error
-    # Name the formats and how their files mostly end.
+    # Name the formats and their common file endings.
     known_formats = ", ".join(f"{one.title} ({', '.join(one.suffixes)})" for one in formats())
     raise UnknownFormatError(
         f"{path} is not a recognised flight log.", hint=explain_foreign(head, known_formats)

@@ -88,7 +88,7 @@ def promise_of(result: Result, tuning: Tuning, log_sha256: str = "") -> Promise 
             name: Gain(value, found.gains[name].next if name in found.gains else value)
             for name, value in shaping_gains(result, axis).items()
         }
-        # A filter that was off, and its settings not in the log, has no way back but to be off.
+        # A filter that was off, without settings in the log, can only be switched off again.
         gains |= {
             name: Gain(one.now if math.isfinite(one.now) else one.next, one.next)
             for name, one in found.filters.items()

@@ -393,7 +393,7 @@ def _quantity(
 
 
 def _tested(quantities: Sequence[RepeatedQuantity]) -> Iterator[RepeatedQuantity]:
-    """Yield quantities with their pairs and outliers, corrected for all that is looked at."""
+    """Yield quantities with their pairs and outliers, corrected for all tests."""
     # The difference of each pair over its standard deviation.
     pairs = [
         {
@@ -467,7 +467,7 @@ def strangers(logs: Sequence[FlightLog]) -> dict[int, str]:
     return {place: ", ".join(found[place]) for place in sorted(found)}
 
 
-#: What tells vehicles from each other. The firmware does not: it is updated.
+#: The properties that identify a vehicle. The firmware is not one of them: it is updated.
 _IDENTITY: tuple[tuple[str, Callable[[FlightLog], str]], ...] = (
     ("autopilot", lambda log: log.autopilot),
     ("hardware id", lambda log: log.hardware_id),
