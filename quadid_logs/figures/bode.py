@@ -157,10 +157,11 @@ def _axis(
         good, measured = np.zeros_like(good), measured[:0]
     measured = measured * s[good]
     octaves = _octaves(found, data.gyro_filter, by_commands=by_commands)
-    turned = [
-        _near(np.degrees(np.angle(value)), np.interp(at, frequency_hz, model_deg))
-        for at, value in ((frequency_hz[good], measured), (octaves.x, octaves.gain))
-    ]
+    turned = []
+    for at, value in ((frequency_hz[good], measured), (octaves.x, octaves.gain)):
+        # On the turn of the circle that lies nearest to the model's phase: a phase has no other.
+        phase_deg, near_deg = np.degrees(np.angle(value)), np.interp(at, frequency_hz, model_deg)
+        turned.append(near_deg + (phase_deg - near_deg + 180.0) % 360.0 - 180.0)
     name = AXES[column]
     panels = (
         _panel(
@@ -228,11 +229,6 @@ def _octaves(found: Response | None, gyro_filter: GyroFilter, *, by_commands: bo
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
     gain = np.asarray(found.gain[known] * gyro_response(s, *gyro_filter), dtype=np.complex128)
     return _Octaves(frequency_hz, gain, found.error[known], label)
-
-
-def _near(phase_deg: FloatArray, model_deg: FloatArray) -> FloatArray:
-    """Return the turn of the circle that lies nearest to the model's phase: a phase has no other."""
-    return np.asarray(model_deg + (phase_deg - model_deg + 180.0) % 360.0 - 180.0, dtype=np.float64)
 
 
 def _points(x: FloatArray, y: FloatArray) -> Curve:

@@ -86,9 +86,13 @@ def find_oscillation(
             and any(abs(line.frequency_hz - one.frequency_hz) <= _SAME_BINS * step_hz for one in in_output)
         ]
     found.sort(key=lambda one: -one.line.rms)
-    found = [
-        replace(one, overtone=_is_overtone(one, found[:place], step_hz)) for place, one in enumerate(found)
-    ]
+    for place, one in enumerate(found):
+        # A stronger oscillation of another axis explains it: curves in the way make multiples of that.
+        line_hz = one.line.frequency_hz
+        others_hz = [other.line.frequency_hz for other in found[:place] if other.axis != one.axis]
+        multiples = [(round(line_hz / other_hz), other_hz) for other_hz in others_hz]
+        overtone = any(n >= 2 and abs(line_hz - n * hz) <= n * _SAME_BINS * step_hz for n, hz in multiples)
+        found[place] = replace(one, overtone=overtone)
     shown_hz = min(highest_hz, float(frequency_hz[-1]))
     folded = may_be_folded(rate)
     return Oscillation(
@@ -98,16 +102,6 @@ def find_oscillation(
         highest_hz=shown_hz,
         may_be_folded=folded,
     )
-
-
-def _is_overtone(one: AxisOscillation, stronger: Sequence[AxisOscillation], step_hz: float) -> bool:
-    """Return whether an oscillation of another axis explains it: curves in the way make multiples of it."""
-    for other in stronger:
-        multiple = round(one.line.frequency_hz / other.line.frequency_hz)
-        apart_hz = abs(one.line.frequency_hz - multiple * other.line.frequency_hz)
-        if other.axis != one.axis and multiple >= 2 and apart_hz <= multiple * _SAME_BINS * step_hz:
-            return True
-    return False
 
 
 def _share(

@@ -73,11 +73,16 @@ def find_vibration(
         series = signals.get(measured.name)
         if series is None:
             continue
-        record = (
-            _worst(sensors.get(measured.name) or (series,), intervals)
-            if measured.limits
-            else _shaking(series, intervals)
-        )
+        record = None if measured.limits else _shaking(series, intervals)
+        if measured.limits:
+            found = [in_flight(one, intervals) for one in sensors.get(measured.name) or (series,)]
+            # Of the sensor that shakes most: what 99 % of the flight stay below, along the worst axis.
+            record = max(
+                [one for one in found if len(one.time_s) >= _FEWEST] or found,
+                key=lambda one: (
+                    float(np.percentile(one.values, 99.0, axis=0).max()) if one.values.size else 0.0
+                ),
+            )
         if record is None or len(record.time_s) < _FEWEST:
             continue
         if record.values.any():
@@ -86,16 +91,6 @@ def find_vibration(
         # Without a measurement the autopilot logs zeros, of clipping too.
         counted = False
     return None
-
-
-def _worst(several: Sequence[CleanSeries], intervals: Sequence[Interval]) -> Record:
-    """Return the record of the sensor that shakes most."""
-    found = [in_flight(one, intervals) for one in several]
-    return max(
-        [one for one in found if len(one.time_s) >= _FEWEST] or found,
-        # What 99 % of the flight stay below, along the worst axis.
-        key=lambda one: float(np.percentile(one.values, 99.0, axis=0).max()) if one.values.size else 0.0,
-    )
 
 
 def _judged(measured: _Measured, record: Record, clips: Quantity | None) -> Vibration:

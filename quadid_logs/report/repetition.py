@@ -55,10 +55,19 @@ def headline(found: Repeatability) -> str:
             )
     if outliers:
         return "; ".join(outliers)
-    differing = [each for each in found.quantities if each.differs]
+    differing = []
+    for each in (one for one in found.quantities if one.differs):
+        # The two flights that differ most.
+        pair = max(each.pairs, key=lambda one: abs(one.z))
+        values = " and ".join(
+            f"{plus_minus(one.value, one.half_width)} in {name_of(found, one.flight)}"
+            for one in each.estimates
+            if one.flight in pair.flights
+        )
+        which = f"{each.axis} {each.kind}" if each.axis else each.words
+        differing.append(f"{which} is {values} ({pretty_unit(each.unit)})")
     if differing:
-        worst = "; ".join(_differ_sentence(found, each) for each in differing)
-        return f"the flights differ, and no single flight is the outlier: {worst}"
+        return f"the flights differ, and no single flight is the outlier: {'; '.join(differing)}"
     told = [each for each in found.quantities if each.kind == _FIRST]
     if not told:
         return f"no axis is identified by two or more of {flights}"
@@ -154,17 +163,6 @@ def mark(quantity: RepeatedQuantity, each: FlightEstimate) -> str:
     if each.held is False:
         return f", predicted {plus_minus(each.predicted, each.predicted_half_width)}"
     return ""
-
-
-def _differ_sentence(found: Repeatability, quantity: RepeatedQuantity) -> str:
-    """Name the two flights that differ most."""
-    pair = max(quantity.pairs, key=lambda each: abs(each.z))
-    one, two = (each for each in quantity.estimates if each.flight in pair.flights)
-    which = f"{quantity.axis} {quantity.kind}" if quantity.axis else quantity.words
-    values = (plus_minus(each.value, each.half_width) for each in (one, two))
-    names = (name_of(found, each.flight) for each in (one, two))
-    pairs = " and ".join(f"{value} in {name}" for value, name in zip(values, names, strict=True))
-    return f"{which} is {pairs} ({pretty_unit(quantity.unit)})"
 
 
 def repetition_text(found: Repeatability) -> str:
