@@ -10,6 +10,7 @@ from quadid_logs.control.margins import MOST_UNMODELLED_DEG
 from quadid_logs.control.room import outermost
 from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
 from quadid_logs.data.result import Result
+from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.report.cells import Cell, Table, estimated_cell
 from quadid_logs.report.filter_table import filter_tables
 from quadid_logs.report.numbers import interval, number, resolved
@@ -23,13 +24,17 @@ _CONTRADICTED = "the measured response contradicts the model, so no margin is gi
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopView:
-    """The chapter's sentences, by axis, and its tables; ``intro`` says which controller closes the loop."""
+    """The chapter's sentences, by axis, and its tables; ``intro`` says which controller closes the loop.
+
+    ``step_note`` says what the computed step response leaves out, "" for nothing.
+    """
 
     intro: str
     sentences: tuple[str, ...]
     margins: Table | None
     filters: tuple[Table, ...] = ()
     outer: tuple[Table, ...] = ()
+    step_note: str = ""
 
 
 def loop_view(result: Result) -> LoopView:
@@ -84,6 +89,7 @@ def loop_view(result: Result) -> LoopView:
         margins=table,
         filters=filter_tables(result),
         outer=outer_tables(loop.outer),
+        step_note=advice_for(result.log.autopilot).step_note(result.log.parameters),
     )
 
 

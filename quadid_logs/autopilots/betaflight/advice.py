@@ -137,10 +137,8 @@ class BetaflightAdvice(Advice):
         named = [name for name, works in at_work.items() if works]
         if not named:
             return ""
-        return (
-            f"Computed for sticks at rest, without {listed(named)}: the response to a stick in flight "
-            "differs. The report of `quadid-log analyze` shows the measured response."
-        )
+        told = f"Computed for sticks at rest, without {listed(named)}"
+        return f"{told}: the response to a stick in flight differs."
 
     def _logging(
         self,
