@@ -9,7 +9,7 @@ from quadid_logs.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rotor:
-    """A rotor: position from the centre of mass in FRD [m], and spin "ccw" or "cw" as seen from above."""
+    """A rotor: position from the centre of mass in FRD [m], and spin "ccw" or "cw", seen from above."""
 
     position_m: tuple[float, float, float]
     spin: str
