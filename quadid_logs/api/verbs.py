@@ -213,10 +213,10 @@ def check(
     >>> import quadid_logs
     >>> quadid_logs.check("next.bin", "quadid-tune/flight").outcome.value  # doctest: +SKIP
     'kept'
-    >>> quadid_logs.check("sample_logs/damaged.bin", "sample_logs/default-logging.bin")
+    >>> quadid_logs.check("sample_logs/damaged.bin", "sample_logs/default-logging.bin")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    quadid_logs.errors.SettingsError: The flight before promises nothing. See what tune(...) says of it.
+    quadid_logs.errors.SettingsError: The earlier flight has no promise to check. ...
     """
     held = _promise(promised, settings, vehicle)
     after = _analyzed(log, settings, vehicle)
