@@ -33,5 +33,5 @@ def test_the_remarks_about_one_dropout_of_a_ulog_speak_of_one(tmp_path: Path) ->
     path = tmp_path / "log.ulg"
     path.write_bytes(ulog_maker.small_log() + ulog_maker.dropout(250))
     remarks = read_log(path).remarks
-    assert "The logger reports 1 dropout of 0.25 s in all." in remarks
+    assert "The logger reports 1 dropout, 0.25 s in total." in remarks
     assert "1 parameter was written while logging; the last value is used." in remarks

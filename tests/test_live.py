@@ -199,7 +199,7 @@ def test_what_more_flight_will_not_narrow_is_said() -> None:
     axes = [LiveAxis(axis=axis, effectiveness=1.0, half_width=0.02, more_s=0.0) for axis in AXES]
     axes[2] = replace(axes[2], half_width=0.3, more_s=math.inf)
     figures = LiveFigures(flown_s=90.0, axes=tuple(axes), missing="")
-    assert figures.hint == "More flight will not narrow yaw much: land, and read the report."
+    assert figures.hint == "More flight will hardly narrow yaw: land, and read the report."
     assert not figures.is_enough
 
 

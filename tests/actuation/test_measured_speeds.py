@@ -99,7 +99,10 @@ def test_slow_telemetry_is_no_input_and_says_so() -> None:
     """25 Hz beside commands of 200 Hz."""
     prepared = prepare(flown(16)[0])
     assert prepared.log.torque is not None
-    assert "25 Hz are too slow for the input, 160 Hz are needed" in prepared.log.torque.rotor_speed
+    assert (
+        "logged at 25 Hz, too slowly for the model's input, which needs 160 Hz"
+        in prepared.log.torque.rotor_speed
+    )
     assert prepared.torque is not None
     assert "through the mixer" in prepared.torque.series.source
 

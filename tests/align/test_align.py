@@ -176,7 +176,7 @@ def test_a_preferred_source_that_is_too_slow_is_passed_over_with_the_reason() ->
     )
     choice = align(both, AlignSettings()).sources["body_rate"]
     assert choice.source == "gyro"
-    assert "slow one is preferred but has only 10 Hz" in choice.reason
+    assert "slow one is preferred but was logged at only 10 Hz" in choice.reason
 
 
 def test_a_log_that_begins_armed_is_flown_until_the_disarm_event() -> None:

@@ -131,7 +131,7 @@ def test_a_table_without_time_is_refused_with_what_is_there(tmp_path: Path) -> N
 def test_missing_body_rates_are_named_with_what_is_there(tmp_path: Path) -> None:
     """One of three rates is missing: no guess."""
     with pytest.raises(
-        UnknownFormatError, match=r"without q_rad_s; its columns are: time_s, p_rad_s, r_rad_s"
+        UnknownFormatError, match=r"without q_rad_s. Its columns are: time_s, p_rad_s, r_rad_s"
     ):
         read_log(write(tmp_path, "time_s,p_rad_s,r_rad_s", "0,1,2"))
 

@@ -199,7 +199,7 @@ def test_effectiveness_is_told_as_a_turn_that_a_pilot_knows(usable: Result) -> N
     assert model.actuator is not None
     late_s = model.actuator.lag_s + model.actuator.delay_s
     sentence = meaning_sentence(usable, "roll")
-    assert sentence.startswith("At 10 % roll command the vehicle turns by 10 degrees in ")
+    assert sentence.startswith("A roll command of 10 % turns the vehicle by 10 degrees in ")
     assert float(sentence.split()[-2]) == pytest.approx(0.0891 + late_s, abs=0.006)
 
 

@@ -251,8 +251,8 @@ def test_what_would_change_the_number_is_said_in_words() -> None:
     """A pilot wants to know what to look for."""
     (finding,) = named_of(check(dead_zone(ROLL, explained=0.1, statistic=14.0)), ROLL)
     assert finding.title == (
-        "The roll effectiveness would be 20 % higher if small torques had less effect, which the flight "
-        "leaves open"
+        "The roll effectiveness would be 20 % higher if small torques had less effect: the flight "
+        "does not rule that out"
     )
 
 
