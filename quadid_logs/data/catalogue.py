@@ -411,7 +411,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Very different values of the control effectiveness fit the data. If the ends of the "
                 "interval differ by less than a factor of 3, the number is given with caution. It shows "
                 "the order of magnitude only: comparisons and tuning do not use it. If they differ by "
-                "more, no number is given. Where only the response to commands tells it, no number is "
+                "more, no number is given. If only the response to commands shows it, no number is "
                 "given beyond ±25 %.",
                 f"Fly longer. {_ENOUGH}",
                 step="fly",

@@ -105,8 +105,8 @@ def test_an_explanation_agrees_with_the_advice_on_an_axis_that_turned_enough(
     """It said "fly with stronger excitation" where the report said that larger manoeuvres do not help."""
     assert main(["explain", code]) == 0
     told = " ".join(capsys.readouterr().out.split())
-    assert "Below 20 deg/s rms, fly stronger manoeuvres" in told
-    assert "Above, larger manoeuvres would not help. Fly in calm air" in told
+    assert "Below 20 deg/s, fly stronger manoeuvres" in told
+    assert "Above that, larger manoeuvres do not help. Fly in calm air" in told
 
 
 def test_an_explanation_says_what_an_autopilot_s_own_advice_is(capsys: pytest.CaptureFixture[str]) -> None:
