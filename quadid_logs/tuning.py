@@ -1,4 +1,4 @@
-"""The next gains to fly, from everything that an analysis has found."""
+"""The next gains to fly, from the result of an analysis."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from quadid_logs.maths.spectra import WINDOW_S
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, MULTIROTOR, vehicle_words
 
-#: Two gains are the same, as they are typed in and held in single precision.
+#: Largest relative difference of two equal gains, as typed and stored in single precision.
 _SAME_GAIN: Final = 1e-3
 #: Two lines are one within what a window of 4 s resolves [Hz].
 _SAME_LINE_HZ: Final = 2.0 / WINDOW_S
@@ -58,25 +58,24 @@ def recommend(
     filters: bool = False,
     ranges: Ranges = OFF_NOMINAL,
 ) -> Tuning:
-    """Recommend the gains and filters of the next flight, axis by axis, or say why not.
+    """Recommend the gains and filters of the next flight by axis, or give the reasons for refusing.
 
     Parameters
     ----------
     result : Result
-        Of `analyze`.
+        Result of `analyze`.
     limits : Limits
-        That every promised margin keeps in 97.5 % of the vehicles that the flight allows.
+        Smallest margins. Each promised margin meets its limit with 97.5 % confidence.
     axes : sequence of str
-        Of roll, pitch and yaw.
+        Axes to tune: roll, pitch and yaw.
     apart : bool
-        P, I, D and the angle gain each by itself where that rejects gusts better, not by one factor on P, I
-        and D alone.
+        True changes P, I, D and the angle gain separately where that rejects gusts better. False changes P, I
+        and D by one common factor.
     filters : bool
-        Filters are changed with the gains, where that leaves less of gusts or less noise; not without
-        ``apart``.
+        Change filters with the gains if that reduces gust response or noise. Has no effect without ``apart``.
     ranges : Ranges
-        Of load, air and propeller, over which the limits are kept as well, as far as the flown gains do or
-        any gains can; `AS_FLOWN` for none.
+        Ranges of load, air and propeller in which the limits are met too, as far as the flown gains meet them
+        or any gains can; `AS_FLOWN` for none.
 
     Returns
     -------
@@ -131,7 +130,7 @@ def recommend(
 
 
 def _flown_point(result: Result, parameters: Mapping[str, float]) -> FlownPoint:
-    """Return where the vehicle flew: hovering, on what battery, with what propellers."""
+    """Return the flown condition: hover, battery and propellers."""
     curve, battery = (
         result.identification.thrust_curve,
         None if result.health is None else result.health.battery,

@@ -1,4 +1,4 @@
-"""What a reader hands on: the log's signals under canonical names, in file order."""
+"""Results of a reader: the log's signals by canonical name, in file order."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from quadid_logs.data.torque import TorqueModel
 from quadid_logs.errors import ShapeError
 from quadid_logs.vocabulary import MULTIROTOR, SIGNALS
 
-#: Whole numbers below are exact in single precision.
+#: Smaller whole numbers are exact in single precision.
 _EXACT: Final = 2.0**24
 #: As autopilots write it after their name: "V4.5.7 (2a3dc4b7)", "v1.15.0-beta", "V3.4-rc2".
 _VERSION: Final = re.compile(r"\b[Vv](\d{1,4})\.(\d{1,4})(?:\.(\d{1,4}))?")
 
 
 def version_in(firmware: str) -> tuple[int, ...] | None:
-    """Return the numbers of a firmware's version.
+    """Return the numbers of a firmware version.
 
     Parameters
     ----------
     firmware : str
-        Name and version as shown.
+        Name and version as logged.
 
     Returns
     -------
     tuple of int or None
-        Most significant first; None where the text does not say.
+        Numbers, the most significant first; None if the text has no version.
 
     Examples
     --------
@@ -41,13 +41,13 @@ def version_in(firmware: str) -> tuple[int, ...] | None:
 
 
 def whole_number(value: float | None, otherwise: int = 0) -> int:
-    """Return a parameter that counts or names something.
+    """Return a parameter as a whole number.
 
     Parameters
     ----------
     value : float or None
     otherwise : int
-        For a parameter that is missing or, in a damaged log, no number of up to 32 bits.
+        Result for a missing parameter, or for a value of a damaged log that does not fit into 32 bits.
 
     Returns
     -------
@@ -62,16 +62,17 @@ def whole_number(value: float | None, otherwise: int = 0) -> int:
 
 
 def own_bits(value: float | None) -> int | None:
-    """Return a mask of bits, None where single precision, in which a log holds it, may have lost some.
+    """Return a bit mask from its logged value, None if single precision may have lost bits.
 
     Parameters
     ----------
     value : float or None
+        The value as logged, in single precision.
 
     Returns
     -------
     int or None
-        Of a mask with its highest bit set a negative number, as the vehicle holds it.
+        The mask; negative if its highest bit is set, as in the vehicle.
 
     Examples
     --------
@@ -84,22 +85,22 @@ def own_bits(value: float | None) -> int | None:
 
 
 class Notch(NamedTuple):
-    """A notch of second order: its centre, one over its Q, and the gain that it leaves at the centre."""
+    """A second-order notch filter: centre frequency [Hz], 1/Q, and gain at the centre."""
 
     frequency_hz: float
     inverse_q: float
     depth: float
 
 
-#: Where notches that move together stood at instants of a flight, of which each counts alike.
+#: Positions of notches that move together, at instants of a flight with equal weight.
 Places: TypeAlias = tuple[tuple[Notch, ...], ...]
 
 
 class GyroFilter(NamedTuple):
-    """The filters that the autopilot's parameters put between the gyro and the logged body rates.
+    """The filters between the gyro and the logged body rates, from the autopilot's parameters.
 
-    ``low_pass_hz`` is the cut-off of a low-pass of second order, NaN where there is
-    none or it is not known. Each of ``tracked`` is a group of notches that moved in flight.
+    ``low_pass_hz`` is the cut-off of a second-order low-pass filter [Hz], NaN if there is none or it is not
+    known. ``notches`` have a fixed frequency. ``tracked`` holds groups of notches that moved in flight.
     """
 
     low_pass_hz: float = float("nan")
@@ -107,18 +108,18 @@ class GyroFilter(NamedTuple):
     tracked: tuple[Places, ...] = ()
 
 
-#: Where nothing is known of the filters.
+#: For logs with unknown filters.
 NO_GYRO_FILTER: Final = GyroFilter()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """The rows of one message: when and where in the file; shared by all signals that are built from them.
+    """The rows of one message: time and position in the file, shared by all signals of the message.
 
     Attributes
     ----------
     time_s : ndarray, shape (n_samples,)
-        When the values were *sampled*, on the log's main clock [s].
+        Times at which the values were *sampled*, on the log's main clock [s].
     position : ndarray of int64, shape (n_samples,)
         Byte offset of the row in the file (row number for a table).
     """
@@ -144,7 +145,7 @@ class Rows:
 
 
 def _freeze(owner: object, *names: str) -> None:
-    """Replace arrays by views that cannot be written to."""
+    """Replace arrays by read-only views."""
     for name in names:
         view = getattr(owner, name).view()
         view.flags.writeable = False
@@ -155,9 +156,9 @@ def _freeze(owner: object, *names: str) -> None:
 class Signal:
     """One source of one canonical signal, exactly as logged.
 
-    Nothing is sorted, merged or dropped: rows stand in file order, times may
-    fall, repeat or be outliers. `align` deals with that, and needs the rows'
-    positions to tell a reboot from an out-of-order row.
+    Nothing is sorted, merged or dropped. Rows are in file order; times may decrease, repeat or be outliers.
+    `align` handles these cases. It needs the positions of the rows to distinguish a reboot from a row out of
+    order.
 
     Attributes
     ----------
@@ -166,19 +167,19 @@ class Signal:
     rows : Rows
         Times and positions; one object for all signals of a message.
     values : ndarray, shape (n_samples, n_columns)
-        In the unit, frame and sign that the vocabulary fixes.
+        Values in the unit, frame and sign of `vocabulary.SIGNALS`.
     source : str
-        The vendor's message and fields, for the reader of the report.
+        The vendor's message and fields, as shown in the report.
     reason : str
-        Why this source has its place in the order of preference.
+        Reason for the rank of this source in the order of preference.
     nominal_rate_hz : float
-        The rate that the log's settings promise, NaN where they do not say.
+        Sample rate according to the log's settings [Hz], NaN if not known.
     gyro_filter : GyroFilter
-        Of body rates: what they passed before they were logged.
+        For body rates: their filters before logging.
     achieved : bool
-        Of a torque: what the actuators did, saturation included, not what was commanded.
+        For a torque: whether it is the achieved torque, including saturation, and not the commanded torque.
     raw : bool
-        Of body rates: before every filter of the autopilot.
+        For body rates: whether they were logged before all filters of the autopilot.
     """
 
     name: str
@@ -209,7 +210,7 @@ class Signal:
 
     @property
     def time_s(self) -> FloatArray:
-        """When each value was sampled [s]; shape (n_samples,)."""
+        """Sample time of each value [s]; shape (n_samples,)."""
         return self.rows.time_s
 
     @property
@@ -234,7 +235,7 @@ class ModeChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterChange:
-    """A parameter got another value at `time_s` [s]. Untrusted: escape the name before showing."""
+    """The change of a parameter at `time_s` [s]. Untrusted: escape the name before showing."""
 
     time_s: float
     position: int
@@ -245,18 +246,18 @@ class ParameterChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ControllerTerms:
-    """What the log holds of one axis' rate controller beside its set-point, rate and output.
+    """Logged internal values of one axis' rate controller, in addition to set-point, rate and output.
 
     Attributes
     ----------
     axis : str
         One of `vocabulary.AXES`.
     rows : Rows
-        Of the message that they are logged in.
+        Rows of the message with the values.
     values : mapping of str to ndarray, shape (n_samples,)
-        "P", "I", "D", "FF": terms of the output [1]; "scale": the factor on P and D; "limited": 1 where the
+        "P", "I", "D", "FF": terms of the output [1]; "scale": the factor on P and D; "limited": 1 while the
         integrator was stopped; "derivative": the angular acceleration that D acts on [rad/s^2];
-        "rate_forward": a rate about the vertical that is added to the attitude controller's [rad/s].
+        "rate_forward": a rate about the vertical, added to that of the attitude controller [rad/s].
     """
 
     axis: str
@@ -264,7 +265,7 @@ class ControllerTerms:
     values: Mapping[str, FloatArray]
 
 
-#: What `PositionRows` may hold.
+#: Possible keys of `PositionRows.values`.
 POSITION_VALUES: Final = (
     "position_target",
     "position",
@@ -278,18 +279,18 @@ POSITION_VALUES: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PositionRows:
-    """What the log holds of the controllers of position and velocity along one direction.
+    """Logged values of the position and velocity controllers along one direction.
 
     Attributes
     ----------
     direction : str
         "north", "east" or "down".
     rows : Rows
-        Of the message that they are logged in.
+        Rows of the message with the values.
     values : mapping of str to ndarray, shape (n_samples,)
-        "position_target", "position" [m]; "velocity_forward", the set-point that is added behind the position
-        controller, "velocity_target", "velocity" [m/s]; "acceleration_forward", "acceleration_target"
-        [m/s^2], as far as the log has them. NaN where nothing is commanded.
+        "position_target", "position" [m]; "velocity_forward" (a set-point added to the output of the position
+        controller), "velocity_target", "velocity" [m/s]; "acceleration_forward", "acceleration_target"
+        [m/s^2], as far as they are logged. NaN without a command.
     """
 
     direction: str
@@ -317,7 +318,7 @@ class LostBytes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoggedSystem:
-    """One vehicle or component that speaks in the file."""
+    """One vehicle or component with messages in the file."""
 
     system_id: int
     component_id: int
@@ -329,7 +330,7 @@ class LoggedSystem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageCount:
-    """How often a message type occurs: what `info` lists."""
+    """Number and rate [Hz] of one type of message, as listed by `info`."""
 
     name: str
     count: int
@@ -338,57 +339,58 @@ class MessageCount:
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, kw_only=True, eq=False)
 class FlightLog:
-    """Everything that the later stages may know about a log file.
+    """A log file as read: the input of all later stages.
 
     Attributes
     ----------
     path : str
-        As given by the user.
+        Path as given by the user.
     format : str
-        The name of one of the registered formats.
+        Name of a registered format.
     dialect : str
-        A variant of the format, "" for the ordinary one ("sdlog2").
+        Variant of the format ("sdlog2"), "" for the standard format.
     autopilot : str
-        The name of one of the registered autopilots, "other" where the log names none.
+        Name of a registered autopilot; "other" if the log names none.
     firmware, frame, vehicle_name : str
-        As the log states them; untrusted text.
+        Texts of the log. Untrusted: escape before showing.
     vehicle_type : str
         One of `vocabulary.VEHICLE_TYPES`.
     signals : mapping of str to tuple of Signal
-        All sources found per canonical name, the preferred one first.
+        All sources by canonical name, the preferred source first.
     parameters : mapping of str to float
         The last value of each parameter.
     parameter_changes : tuple of ParameterChange
-        In file order.
+        Changes in file order.
     controller_terms : tuple of ControllerTerms
-        By axis and message.
+        Values by axis and message.
     position_control : tuple of PositionRows
-        By direction.
+        Values by direction.
     n_bytes : int
         Size of the file [bytes].
     lost : tuple of LostBytes
-        What could not be read. A header cut off at the file's end counts too.
+        Unreadable bytes, including a header cut off at the end of the file.
     checksum_wrong : bool
-        By its own checksum the file is not what was logged, wherever that may be.
+        Whether the checksum of the file is wrong: some byte of it changed after logging.
     n_dropped : int
-        Messages that the autopilot itself reports as not written.
+        Number of messages that the autopilot reports as not written.
     has_time : bool
-        False where the log's rows carry no time at all.
+        False if the rows of the log have no time.
     is_nominal_time : bool
-        Then their times are those at which the firmware should have logged: good enough to look at.
+        Whether the times are those at which the firmware should have logged. They are suitable for display
+        only.
     utc_offset_s : float
-        UTC [s since 1970] minus the log's clock, NaN where no receiver told the date.
+        UTC [s since 1970] minus the log's clock; NaN if the log has no date.
     remarks : tuple of str
-        What the reader had to decide or assume, in plain words.
+        Decisions and assumptions of the reader, in plain words.
     followed : mapping of str to ndarray, shape (n_instants, n_columns)
-        What the notches of an autopilot may follow, by the autopilot's own names, at instants of the flight
-        of which each counts alike.
+        Quantities that the autopilot's notches may follow, by the autopilot's names, at instants of the
+        flight with equal weight.
     swept_axes : tuple of str
-        Axes that a system-identification mode of the autopilot swept; empty where the log names none.
+        Axes swept by a system-identification mode of the autopilot; empty if the log names none.
     n_cells : int
-        Of the battery, as the parameters state it; 0 where they do not.
+        Number of battery cells according to the parameters; 0 if not given.
     torque : TorqueModel, optional
-        How torque follows from the logged outputs; None where nobody looked.
+        The model from logged outputs to torque; None if not yet determined.
     """
 
     path: str
@@ -425,17 +427,17 @@ class FlightLog:
 
     @property
     def version(self) -> tuple[int, ...] | None:
-        """The numbers of the firmware's version, most significant first; None where the log does not say."""
+        """Numbers of the firmware version, the most significant first; None if not logged."""
         return version_in(self.firmware)
 
     @property
     def may_be_multirotor(self) -> bool:
-        """Whether the vehicle is one, or the log does not say what it is."""
+        """Whether the vehicle is a multirotor, or of unknown type."""
         return self.vehicle_type in (MULTIROTOR, "unknown")
 
     @property
     def corrupt_bytes(self) -> int:
-        """Sum of all lost bytes."""
+        """Total number of lost bytes."""
         return sum(part.n_bytes for part in self.lost)
 
     def __repr__(self) -> str:
@@ -443,12 +445,12 @@ class FlightLog:
         return f"<{type(self).__name__} {self.path!a}: {self.format} of {self.autopilot}; {signals}>"
 
     def parameters_at(self, position: int) -> dict[str, float]:
-        """Return the parameters as they were at a place in the file.
+        """Return the parameters at a position of the file.
 
         Parameters
         ----------
         position : int
-            Byte offset.
+            Byte offset in the file.
 
         Returns
         -------
@@ -461,5 +463,5 @@ class FlightLog:
         return found
 
     def candidates(self, name: str) -> tuple[Signal, ...]:
-        """Return the sources of a canonical signal, the preferred one first."""
+        """Return the sources of a canonical signal, the preferred source first."""
         return tuple(self.signals.get(name, ()))

@@ -1,10 +1,10 @@
-"""Body rates some steps ahead, with intervals: one regression for each horizon.
+"""Prediction of body rates some steps ahead, with intervals: one regression for each horizon.
 
-A model that is solved forward in time carries every error of its torque, trim and air along. A hovering
-multirotor is unstable, so after half a second little is left of the prediction. Here the change of the
-rates after n steps is regressed on what is known: the state where the horizon begins, the torque since, and
-the last tenth of a second, in which rotors still follow an earlier command. Flights that are left out decide
-how far each group of columns is trusted, and how wide the intervals are.
+A simulated model accumulates all errors of torque, trim and air. A hovering multirotor is unstable, so that
+the prediction loses its accuracy after half a second. Here the change of the rates after n steps is regressed
+on known quantities: the state at the start of the horizon, the torque since then, and the last tenth of a
+second, while the rotors still follow an earlier command. Cross-validation over flights sets the penalty of
+each group of columns, and the width of the intervals.
 
 References
 ----------
@@ -79,16 +79,16 @@ class HorizonModel:
     ----------
     n_steps : int
     weights : ndarray, shape (n_columns + 1, 3)
-        Change of p, q, r per unit of a column; the last row is the constant.
+        Change of p, q, r [rad/s] per unit of a column; the last row is the constant.
     penalties : dict of str to float
-        By group of columns: 0.1 takes off a tenth of what a single column would have.
+        Ridge penalty by group of columns: 0.1 reduces the weight of a single column by a tenth.
     unexplained : float
-        Of the squared change of the rates in flights that were left out; at 1 the model does as well as "the
-        rates stay".
+        Unexplained fraction of the squared change of the rates in validation flights. At 1, the model is as
+        good as constant rates.
     size : ndarray, shape (n_sizes, 3)
-        Of the residual, per unit of what its size goes with: how the vehicle moves at the start.
+        Expected size of the residual per unit of the activity at the start (motion, torque).
     least_size, quantile : ndarray, shape (3,)
-        Of the size [rad/s]; half width of the 95 % interval over the size.
+        Smallest expected size [rad/s]; half width of the 95 % interval over the expected size.
     """
 
     n_steps: int
@@ -102,16 +102,19 @@ class HorizonModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HorizonPrediction:
-    """Rates that were predicted from every start in a flight, and what was measured.
+    """Predicted and measured rates at one horizon, from every start in a flight.
 
     Attributes
     ----------
     n_steps : int
+        Horizon in samples.
     horizon_s : float
+        Horizon [s].
     start_s : ndarray, shape (n_starts,)
-        Where the horizon begins [s].
+        Start of each horizon [s].
     predicted, half_width, measured, kept : ndarray, shape (n_starts, 3)
-        p, q, r at its end [rad/s]; half the 95 % interval; measured; as they were at the start.
+        p, q, r at the end of the horizon [rad/s]: predicted, half of the 95 % interval, and measured.
+        ``kept`` are the rates at the start.
     """
 
     n_steps: int
@@ -124,17 +127,17 @@ class HorizonPrediction:
 
     @property
     def error_rad_s(self) -> float:
-        """Mean length of the error, as the nano-drone benchmark takes it [rad/s]."""
+        """Mean length of the error vector, as in the nano-drone benchmark [rad/s]."""
         return _mean_length(self.measured - self.predicted)
 
     @property
     def kept_error_rad_s(self) -> float:
-        """The same for "the rates stay as they are" [rad/s]."""
+        """Mean length of the error vector for constant rates [rad/s]."""
         return _mean_length(self.measured - self.kept)
 
     @property
     def coverage(self) -> FloatArray:
-        """Fraction of the starts whose interval holds what was measured, by axis; shape (3,)."""
+        """Fraction of the starts whose interval contains the measured rate, by axis; shape (3,)."""
         return np.asarray(np.mean(np.abs(self.measured - self.predicted) <= self.half_width, axis=0))
 
 
@@ -145,12 +148,13 @@ class RatePredictor:
     Attributes
     ----------
     groups : tuple of str
-        Of `START_TERMS`: what all flights had.
+        Groups of `START_TERMS` that all flights had.
     sample_period_s, memory_s : float
-        Of the flights; how much before a horizon it is told of.
+        Sample period of the flights; length of the past before a horizon that is used [s].
     torque_unit : str
-        Of all flights, "" where none says it.
+        Unit of the torque in all flights, "" if not known.
     horizons : tuple of HorizonModel
+        One model for each horizon.
     """
 
     groups: tuple[str, ...]
@@ -160,24 +164,24 @@ class RatePredictor:
     horizons: tuple[HorizonModel, ...]
 
     def predict(self, data: FlightData) -> tuple[HorizonPrediction, ...]:
-        """Predict from every sample of another flight; the torque until the end of the horizon is given.
+        """Predict from every sample of another flight, given the torque until the end of the horizon.
 
         Parameters
         ----------
         data : FlightData
-            On the same period.
+            A flight with the same sample period.
 
         Returns
         -------
         tuple of HorizonPrediction
-            One a horizon, all with the same starts.
+            One prediction for each horizon, all with the same starts.
 
         Raises
         ------
         SettingsError
-            If the flight is on another period, or its torque is another quantity.
+            If the flight has another sample period, or its torque is another quantity.
         EmptyLogError
-            If it lacks a signal, or no segment outlasts the longest horizon.
+            If the flight lacks a signal, or no segment is longer than the longest horizon.
         """
         _check_same(data, self.sample_period_s, self.torque_unit)
         longest = max(each.n_steps for each in self.horizons)
@@ -213,14 +217,14 @@ def fit_predictor(
     Parameters
     ----------
     flights : sequence of FlightData
-        On one period.
+        Flights with one sample period.
     steps : sequence of int
         Horizons in samples.
     sets : sequence of str, optional
-        The set that each flight is of: one set after the other is left out. Flights that repeat one
-        trajectory tell nothing of another, and belong into one set. Without it each flight is its own.
+        Name of the set that each flight belongs to, for cross-validation by set. Put flights that repeat one
+        trajectory into one set. The default is one set for each flight.
     memory_s : float
-        How much before a horizon it is told of [s]; 0 for the state where it begins alone.
+        Length of the past before the start of a horizon that is used [s]; 0 uses the state at the start only.
 
     Returns
     -------
@@ -229,9 +233,9 @@ def fit_predictor(
     Raises
     ------
     SettingsError
-        If there are fewer than two sets, or periods or torques differ.
+        If there are fewer than two sets, or sample periods or torque quantities differ.
     EmptyLogError
-        If a flight has no segment that outlasts the longest horizon.
+        If a flight has no segment longer than the longest horizon.
     """
     names = [str(number) for number in range(len(flights))] if sets is None else [*sets]
     if len(names) != len(flights) or len(set(names)) < 2:

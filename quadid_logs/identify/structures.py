@@ -35,11 +35,10 @@ Estimator = Literal["as published", "equation by equation", "single rigid body"]
 
 
 class Structure(NamedTuple):
-    """target = A @ regressors + B @ [L M N].
+    """A model structure: target = A @ regressors + B @ [L M N].
 
-    ``terms`` are the regressors. Structures fitted ``as published`` take the torque as logged;
-    the others see it through lag, delay and gyro filter. ``width`` is the number of samples
-    per window, 0 where the paper does not fix it.
+    ``terms`` are the regressors. Published structures use the torque as logged; the others include lag, delay
+    and gyro filter. ``width`` is the number of samples of a window, 0 if the publication does not define it.
     """
 
     name: str
@@ -51,7 +50,7 @@ class Structure(NamedTuple):
 
     @property
     def regressors(self) -> tuple[str, ...]:
-        """Symbols of the terms."""
+        """Symbols of the regressors."""
         return tuple(term.symbol for term in self.terms)
 
     @property
@@ -66,13 +65,13 @@ class Structure(NamedTuple):
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Symbols of all columns that pass the actuator: L, M, N, then those among the regressors."""
+        """Symbols of all columns that pass the actuator: L, M, N, then such regressors."""
         among = (term.symbol for term in self.terms if isinstance(term, TorqueTerm))
         return (*TORQUE_SYMBOLS, *among)
 
     @property
     def torques(self) -> tuple[str, ...]:
-        """Symbols of the columns that errors of lag, delay and torque reach: L, M, N, yaw reaction."""
+        """Symbols of the columns with errors by lag, delay and torque: L, M, N, yaw reaction."""
         return (*TORQUE_SYMBOLS, *((YAW_REACTION.symbol,) if YAW_REACTION in self.terms else ()))
 
     def with_reaction(self) -> Structure:
@@ -90,7 +89,7 @@ class Structure(NamedTuple):
         return np.diag(theta[:3, first : first + 3]).copy()
 
     def known(self, symbols: Collection[str]) -> Structure:
-        """Return the structure without the terms of the torque that a flight does not have."""
+        """Return the structure without the torque terms that a flight lacks."""
         lost = set(self.inputs).difference(symbols)
         return self._replace(terms=tuple(term for term in self.terms if term.symbol not in lost))
 
@@ -142,15 +141,15 @@ DISTURBANCES: Final = (*AIR_SPEED, *PRODUCT_TERMS, *ROTOR_DAMPING)
 
 
 def own_structure(name: str, terms: Iterable[str | Term]) -> Structure:
-    """Return a structure of one's own, fitted equation by equation behind lag, delay and gyro filter.
+    """Return a user-defined structure, fitted equation by equation with lag, delay and gyro filter.
 
     Parameters
     ----------
     name : str
-        Another than those of `STRUCTURES`.
+        A name that is not in `STRUCTURES`.
     terms : iterable of str or Term
-        Regressors of the three angular accelerations: symbols of `TERMS`, or terms of one's own, as a
-        `RateTerm`. The torques L, M, N are always inputs.
+        Regressors of the three angular accelerations: symbols of `TERMS`, or new terms such as a `RateTerm`.
+        The torques L, M, N are always inputs.
 
     Returns
     -------
@@ -159,7 +158,7 @@ def own_structure(name: str, terms: Iterable[str | Term]) -> Structure:
     Raises
     ------
     SettingsError
-        If the name is taken, or a term is not known or there twice.
+        If the name exists already, or a term is unknown or occurs twice.
 
     Examples
     --------

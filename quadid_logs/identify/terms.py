@@ -1,6 +1,6 @@
-"""The terms of the model: all that the package knows of a column stands in one object.
+"""The terms of the model: one object holds all properties of a column.
 
-A new term is an object here and a place in a structure's list (`structures`).
+A new term needs an object here, and a place in the list of a structure (`structures`).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Mixing = Callable[[FloatArray], FloatArray]
 
 
 class Family(NamedTuple):
-    """Columns that turn into each other when the gyro's axes are not quite right.
+    """Columns that a misalignment of the gyro's axes mixes.
 
     ``mixing(M)`` is K with columns(M w) = K columns(w), in the order of ``symbols``.
     """
@@ -59,22 +59,22 @@ class Term:
     ----------
     symbol : str
     units : tuple of str
-        Of its coefficient in the equation of an angular acceleration, and of an Euler angle's rate.
+        Units of its coefficient in the equations of an angular acceleration and of an Euler angle rate.
     words : str
-        For a reader of the report; "" where another term of its kind speaks for it.
+        Description in the report; "" if another term of its kind is described.
     factors : tuple of str
-        The one or two measured signals that it is made of, whose noise it carries.
+        The one or two measured signals that the term is computed from, and whose noise it has.
     plausible : float
-        How large its coefficient can physically be: an interval wider than this says nothing.
+        Largest physically possible coefficient. A wider interval contains no information.
     notable : float
-        A coefficient of this size changes how the vehicle flies; an interval that is narrow against it
-        is an answer even if it contains zero.
+        A coefficient of this size changes how the vehicle flies. An interval that is narrow compared with it
+        is a result, even if it contains zero.
     answers_disturbances : bool
-        The controller moves it to answer gusts and noise, so that it is no instrument.
+        Whether the controller changes it in response to gusts and noise; it is then no valid instrument.
     family : Family or None
-        How errors of the gyro reach its coefficient; None where they do not.
+        The effect of gyro errors on its coefficient; None if there is none.
     systematic : mapping of str to float
-        By target, the fraction of the coefficient that no flight can tell.
+        By target, the fraction of the coefficient that no flight can identify.
     """
 
     symbol: str
@@ -90,25 +90,25 @@ class Term:
     passes_actuator: ClassVar[bool] = False
 
     def unit(self, target: str, input_unit: str) -> str:
-        """Return the unit of the coefficient in the equation of a target, where torque is in `input_unit`."""
+        """Return the unit of the coefficient in the equation of a target, with torque in `input_unit`."""
         unit = self.units[target not in ACCELERATION_SYMBOLS]
         return f"{unit}/({input_unit})" if self.passes_actuator and input_unit != "1" else unit
 
     def plausible_size(self, on_axis_gain: FloatArray) -> float:
-        """Return how large the coefficient can be beside |B11|, |B22|, |B33| (3,).
+        """Return the largest possible coefficient, given |B11|, |B22|, |B33|; shape (3,).
 
-        An off-axis effectiveness is bounded by the on-axis ones of its two axes.
+        An off-axis effectiveness is bounded by the on-axis effectiveness of its two axes.
         """
         return float(np.max(on_axis_gain)) if self.passes_actuator else self.plausible
 
     def systematic_fraction(self, target: str) -> float:
-        """Return the fraction of the coefficient in the equation of a target that no flight can tell."""
+        """Return the fraction of the coefficient in the equation of a target that no flight can identify."""
         return (self.systematic or {}).get(target, 0.0)
 
     def noise(self, rms: Mapping[str, float], size: Mapping[str, float]) -> float:
         """Return the noise (rms) of the column, from noise and size (rms) of its factors.
 
-        A product carries the noise of each factor times the other, a square twice that of its one factor.
+        A product has the noise of each factor times the size of the other; a square has twice that product.
         """
         if len(self.factors) < 2:
             return sum(rms.get(factor, 0.0) for factor in self.factors)
@@ -119,7 +119,7 @@ class Term:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RateTerm(Term):
-    """A column that follows from the body rates alone: (n, 3) [rad/s] to (n,), before smoothing.
+    """A column computed from the body rates only: (n_samples, 3) [rad/s] to (n_samples,), before smoothing.
 
     Examples
     --------
@@ -134,21 +134,21 @@ class RateTerm(Term):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AttitudeTerm(Term):
-    """A column that follows from the Euler angles (n, 3) [rad] and their period [s], before smoothing."""
+    """A column computed from the Euler angles (n_samples, 3) [rad] and their period [s], before smoothing."""
 
     of_attitude: Callable[[FloatArray, float], FloatArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TiltTerm(AttitudeTerm):
-    """An `AttitudeTerm` of roll and pitch alone: where no attitude is logged, the rates integrate to them."""
+    """An `AttitudeTerm` of roll and pitch only; without logged attitude they are integrated from rates."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VelocityTerm(Term):
-    """A column of the logged velocity along the body axes (n, 3) [m/s] and the throttle (n,) or None.
+    """A column computed from the velocity along the body axes (n, 3) [m/s] and the throttle (n,) or None.
 
-    Over ground: what the wind adds is in the terms `WIND`.
+    The velocity is over ground; the terms `WIND` add the effect of wind.
     """
 
     of_velocity: Callable[[FloatArray, FloatArray | None], FloatArray | None]
