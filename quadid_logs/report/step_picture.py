@@ -100,16 +100,16 @@ def rise_words(rise_s: float, overshoot_percent: float, end: float, end_s: float
     Parameters
     ----------
     rise_s, overshoot_percent : float
-        By where the answer ends.
+        Rise time [s] and overshoot [%], relative to the final value of the response.
     end : float
-        That, as a fraction of the step.
+        The final value as a fraction of the step.
     end_s : float
-        When [s].
+        Time of the final value [s].
 
     Examples
     --------
     >>> rise_words(0.015, 12.0, 1.0, 4.0), rise_words(1.64, 1.0, 0.84, 4.0)
-    ('rises in 15 ms and overshoots by 12 %', 'has come to 84 % after 4 s')
+    ('rises in 15 ms and overshoots by 12 %', 'reaches 84 % after 4 s')
     """
     # An integrator that is slow goes on for long: rise and overshoot would be those of less than the step.
     if abs(end - 1.0) > _ARRIVED:
