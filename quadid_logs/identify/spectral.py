@@ -42,7 +42,8 @@ from quadid_logs.maths.normal import NORMAL_95
 #: Of a block: twice the time in which a rate loop of half a hertz forgets, and a flight of half a minute has
 #: fourteen [s].
 BLOCK_S: Final = 4.0
-#: Of a planned trajectory, whose flights last for some seconds: a flight of six seconds has three.
+#: Of a planned trajectory, whose flights last for some seconds. A flight of six seconds has three blocks; one
+#: of four has one, and a quarter of it behind that: with fewer than `_FEWEST_BLOCKS`, they overlap by more.
 _PLANNED_BLOCK_S = 3.0
 #: What commands a turn commands tilt and speed, too, whose moments (of the air, and of the trim that they
 #: need) the torque holds against. Where they are as large as the torque's own the flight tells, in half
@@ -455,8 +456,14 @@ def spectra_of(
     """
     starts = [float(record.segment.time_s[0]) for record in records]
     highest_hz = min(_HIGHEST_HZ, _OF_SAMPLE_RATE / data.sample_period_s)
-    length_s = _PLANNED_BLOCK_S if is_planned(data) else BLOCK_S
-    return block_spectra(columns, starts, data.sample_period_s, length_s=length_s, highest_hz=highest_hz)
+    return block_spectra(
+        columns,
+        starts,
+        data.sample_period_s,
+        length_s=_PLANNED_BLOCK_S if is_planned(data) else BLOCK_S,
+        highest_hz=highest_hz,
+        fewest=_FEWEST_BLOCKS if is_planned(data) else 0,
+    )
 
 
 class _Whitening(NamedTuple):

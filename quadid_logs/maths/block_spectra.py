@@ -27,7 +27,7 @@ class BlockSpectra(NamedTuple):
         FT[w x] and FT[dw/dt x]; a window has a mean square of one.
     start_s : ndarray, shape (n_blocks,)
     run : ndarray of int, shape (n_blocks,)
-        Blocks of one run follow each other by half their length.
+        Blocks of one run follow each other by half their length, or less where a record is short.
     period_s : float
         Between samples.
     """
@@ -46,7 +46,13 @@ class BlockSpectra(NamedTuple):
 
 
 def block_spectra(
-    records: list[FloatArray], start_s: list[float], period_s: float, *, length_s: float, highest_hz: float
+    records: list[FloatArray],
+    start_s: list[float],
+    period_s: float,
+    *,
+    length_s: float,
+    highest_hz: float,
+    fewest: int = 0,
 ) -> BlockSpectra | None:
     """Return the spectra of all blocks of some records.
 
@@ -61,6 +67,8 @@ def block_spectra(
         Of a block; blocks overlap by half.
     highest_hz : float
         Lines above are left out.
+    fewest : int
+        In a record of fewer blocks than this they overlap by more than half, so that its end is not lost.
 
     Returns
     -------
@@ -77,13 +85,19 @@ def block_spectra(
             continue
         # A constant is beside the lines that are kept, its rounding is not.
         columns = np.ascontiguousarray((record - record.mean(axis=0)).T)
-        blocks = np.lib.stride_tricks.sliding_window_view(columns, n_samples, axis=1)[:, :: n_samples // 2]
+        windows = np.lib.stride_tricks.sliding_window_view(columns, n_samples, axis=1)
+        places = np.arange(0, windows.shape[1], n_samples // 2)
+        blocks = windows[:, :: n_samples // 2]
+        if places.size < fewest:
+            latest = windows.shape[1] - 1
+            places = np.rint(np.linspace(0, latest, 1 - (-latest // (n_samples // 2)))).astype(int)
+            blocks = windows[:, places]
         spectra = np.moveaxis(rfft(blocks, axis=2)[:, :, 1 : lines.size + 3], 0, 2)
         below, at, above = (spectra[:, first : first + lines.size] for first in range(3))
         # Hann's window, whose mean square is 3/8, is 1/2 - cos / 2, and its slope is a sine.
         values.append((0.5 * at - 0.25 * (below + above)) / np.sqrt(0.375))
         by_slope.append(-0.5j * np.pi / (n_samples * period_s) / np.sqrt(0.375) * (below - above))
-        starts.append(start_s[number] + np.arange(len(spectra)) * (n_samples // 2) * period_s)
+        starts.append(start_s[number] + places * period_s)
         runs.append(np.full(len(spectra), number))
     if not values:
         return None

@@ -66,3 +66,14 @@ def test_blocks_of_one_record_are_one_run_and_overlap_by_half() -> None:
     assert found is not None
     assert found.run.tolist() == [0, 0, 0, 1, 1, 1]
     np.testing.assert_allclose(found.start_s, [0.0, 2.0, 4.0, 60.0, 62.0, 64.0])
+
+
+def test_the_last_block_of_a_short_record_ends_with_it() -> None:
+    """5.5 s hold one block of 4 s, and 1.5 s more; 20 s hold nine blocks that overlap by half."""
+    records = [np.random.default_rng(k).standard_normal((n, 1)) for k, n in enumerate((1100, 4000))]
+    found = block_spectra(records, [0.0, 60.0], PERIOD_S, length_s=4.0, highest_hz=20.0, fewest=4)
+    assert found is not None
+    np.testing.assert_allclose(found.start_s, [0.0, 1.5, *60.0 + 2.0 * np.arange(9)])
+    alone = block_spectra([records[0][-800:]], [0.0], PERIOD_S, length_s=4.0, highest_hz=20.0)
+    assert alone is not None
+    np.testing.assert_allclose(found.values[1], alone.values[0], atol=1e-12)
