@@ -337,7 +337,7 @@ def test_the_longest_log_of_a_file_is_analyzed(tmp_path: Path, capsys: pytest.Ca
     path = tmp_path / "two.bbl"
     path.write_bytes(log(64) + log(96))
     assert main(["analyze", str(path), "-o", str(tmp_path / "out"), "--no-report"]) == 1
-    assert "Log 2, the longest (0.1 s), is analyzed" in capsys.readouterr().err
+    assert "The longest one, log 2 (0.1 s), is analyzed" in capsys.readouterr().err
 
 
 BLACKBOX = (
