@@ -1145,6 +1145,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "reason to lower them.",
                 "Keep the gains. For narrower intervals, fly the manoeuvre again, longer and in calmer "
                 "air. Give this log with `--earlier` when you tune from the next one.",
+                scope="gains",
             ),
             _entry(
                 "QL647",
