@@ -152,7 +152,7 @@ def test_a_terminated_run_leaves_no_half_written_folder(tmp_path):
         "import os, signal, sys\n"
         "from quadid_logs.cli import run\n"
         "from quadid_logs.report import folder\n"
-        "folder._move_into = lambda *_, **__: os.kill(os.getpid(), signal.SIGTERM)\n"
+        "folder.check_free = lambda *_, **__: os.kill(os.getpid(), signal.SIGTERM)\n"
         f"sys.argv = ['quadid-log', 'analyze', {str(LOG)!r}, '-o', {str(tmp_path / 'n')!r}, '--no-report']\n"
         "run()\n"
     )

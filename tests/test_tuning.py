@@ -677,7 +677,7 @@ def test_the_page_says_what_changes_and_by_which_sign_to_land(raised: Tuning) ->
     percent = round(100.0 * max(one.next / one.now for one in raised.changes.values()))
     assert f"Roll: raise the gains to {percent} %" in page
     assert "Land if roll shakes or the motors buzz (near " in page
-    assert "Then load back.param." in page
+    assert "After that, load back.param." in page
 
 
 def test_the_page_says_what_its_step_leaves_out(raised: Tuning) -> None:
@@ -756,7 +756,7 @@ def test_the_page_shows_flown_gains_to_four_digits(raised: Tuning) -> None:
 
 def test_a_rate_that_has_not_come_to_its_set_point_is_not_said_to_have_risen() -> None:
     """Yaw at 84 % of the step after four seconds "rose in 1640 ms and overshot by 1 %"."""
-    assert rise_words(1.64, 1.0, 0.84, 4.0) == "has come to 84 % after 4 s"
+    assert rise_words(1.64, 1.0, 0.84, 4.0) == "reaches 84 % after 4 s"
 
 
 def test_an_interval_on_the_page_does_not_collapse(raised: Tuning) -> None:

@@ -111,7 +111,7 @@ def test_commands_that_are_too_slow_tell_no_scale_of_speeds() -> None:
     """Telemetry of 20 Hz, outputs of 10 Hz: what doublets did between these was missing, and yaw 26 % low."""
     prepared = load(SAMPLES / "doublets.tlog")
     assert prepared.log.torque is not None
-    assert "commands at 10 Hz do not tell their scale" in prepared.log.torque.rotor_speed
+    assert "commands at 10 Hz are too slow to show their scale" in prepared.log.torque.rotor_speed
     assert prepared.torque is not None
     assert "servoN_raw" in prepared.torque.series.source
 

@@ -46,12 +46,12 @@ def test_what_is_to_be_set_comes_before_one_manoeuvre_for_all_axes(autopilot: st
 
 
 @pytest.mark.parametrize("autopilot", [each.name for each in known()])
-@pytest.mark.parametrize("code", CATALOGUE)
-def test_no_step_says_that_there_is_nothing_to_do(code: str, autopilot: str) -> None:
+def test_no_step_says_that_there_is_nothing_to_do(autopilot: str) -> None:
     """A step is something to do: one that is for nothing hides the next."""
-    found = remedied([finding(code, "warning", {})], autopilot)
-    steps = next_steps((_log(autopilot), each) for each in found)
-    assert not [step for step in steps if "nothing to do" in step.lower()]
+    for code in CATALOGUE:
+        found = remedied([finding(code, "warning", {})], autopilot)
+        steps = next_steps((_log(autopilot), each) for each in found)
+        assert not [step for step in steps if "nothing to do" in step.lower()], code
 
 
 def test_pooled_logs_without_a_flight_are_to_be_left_out() -> None:

@@ -37,7 +37,7 @@ def test_a_repeated_column_is_reported_as_rank_deficient() -> None:
 
 def test_too_few_samples_are_refused() -> None:
     """The message names both numbers."""
-    with pytest.raises(ShapeError, match="2 samples of 3 regressors"):
+    with pytest.raises(ShapeError, match="2 samples cannot determine 3 coefficients"):
         solve_least_squares(np.ones((2, 3)), np.ones((2, 1)))
 
 

@@ -21,7 +21,7 @@ def test_an_axis_is_told_by_its_own_simulation_as_its_verdict_is() -> None:
         r2_high_passed_rate={"p": 0.92, "q": 0.9, "r": -1.0},
     )
     text = _validation_sentence(replace(model, validation=validation))
-    assert text.endswith("explain 92 % of roll, 90 % of pitch and nothing of yaw.")
+    assert text.endswith("reproduce 92 % of roll, 90 % of pitch and nothing of yaw.")
 
 
 def test_an_axis_that_its_commands_tell_is_judged_by_them() -> None:
@@ -38,4 +38,4 @@ def test_an_axis_that_its_commands_tell_is_judged_by_them() -> None:
     )
     model = usable_result().identification.recommended
     text = _validation_sentence(model, (fit, replace(fit, used=False)))
-    assert text.endswith("of the commanded acceleration, the model explains 98.4 % of roll.")
+    assert text.endswith("Of the commanded acceleration, the model explains 98.4 % of roll.")
