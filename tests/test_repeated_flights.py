@@ -62,7 +62,8 @@ def test_the_intervals_of_repeated_flights_hold_the_truth(pooled: Result) -> Non
 def test_the_report_says_that_repeated_flights_tell_it(pooled: Result) -> None:
     """And that such a number is to be used with caution."""
     titles = [one.title for one in pooled.diagnosis.findings if one.code == "QL535"]
-    assert any("roll effectiveness comes from what several flights of one trajectory" in title for title in titles)
+    told = "roll effectiveness comes from what several flights of one trajectory"
+    assert any(told in title for title in titles)
     assert set(pooled.verdict.values()) == {"caution"}
 
 

@@ -668,8 +668,8 @@ class _Search:
         percent, known_to_hz = round(100.0 * (1.0 - error)), rounded(self._loops.known_hz, 3)
         told = {**factor, "less_attitude_error_percent": percent, "known_to_hz": known_to_hz}
         title = (
-            f"Keep these gains: others might reject gusts better by {percent} %, but this flight does not show "
-            "enough margin for them"
+            f"Keep these gains: others might reject gusts better by {percent} %, but this flight does not "
+            "show enough margin for them"
         )
         return finding("QL647", "info", told, axes=(self._case.axis,), title=title)
 
