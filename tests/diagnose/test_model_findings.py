@@ -65,13 +65,15 @@ def test_an_interval_wider_than_three_tenths_is_a_caution(
     assert said.get("QL505") == level
 
 
-def test_an_interval_that_effects_alone_make_wide_is_a_caution(good: Identification) -> None:
+@pytest.mark.parametrize(("low", "high"), [(0.65, 1.35), (0.5, 1.6)])
+def test_an_interval_that_effects_alone_make_wide_is_a_caution(
+    good: Identification, low: float, high: float
+) -> None:
     """What a flight leaves open of a dead zone or a limit is doubt, and no contradiction."""
 
     def widened(model: Model) -> Model:
         own = next(one for one in model.parameters if (one.target, one.regressor) == ("q_dot", "M"))
-        now = dataclasses.replace(own, ci95=(0.65 * own.value, 1.35 * own.value))
-        assert now.half_width < 0.3 * own.value
+        now = dataclasses.replace(own, ci95=(low * own.value, high * own.value), half_width=0.2 * own.value)
         return dataclasses.replace(
             model, parameters=tuple(now if one is own else one for one in model.parameters)
         )
