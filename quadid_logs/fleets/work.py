@@ -89,8 +89,9 @@ def work(task: Task) -> Outcome:
         import resource
 
         limit = resource.getrlimit(resource.RLIMIT_DATA)[0]
-        memory = "the" if limit == resource.RLIM_INFINITY else f"the {limit / 1e9:.2g} GB"
-        return failure(task, "", LOST, f"Its analysis needs more memory than a worker has ({memory}).")
+        known = limit != resource.RLIM_INFINITY
+        more = f"than the {limit / 1e9:.2g} GB of memory of a worker" if known else "memory than a worker has"
+        return failure(task, "", LOST, f"Its analysis needs more {more}.")
     except Exception as error:  # noqa: BLE001 - a full disk, say: one log must never stop the others
         return failure(task, "", LOST, f"The worker failed: {type(error).__name__}: {printable(error)}.")
 

@@ -38,6 +38,9 @@ def undisturbed(logs, tmp_path_factory):
     return store
 
 
+MARGINS = ("gain_margin_db", "phase_margin_deg", "disk_margin")
+
+
 @pytest.fixture
 def few(logs):
     """Of the logs those of one vehicle, and what is no log: enough where it matters who does the work."""
@@ -196,8 +199,11 @@ def test_logs_come_from_an_object_store(undisturbed, logs, tmp_path, monkeypatch
         )
         _, err = process.communicate(timeout=240)
     assert process.returncode == 0, err
-    where = ("url", "started_from")
+    # A page shows the whole loop, whose margins stand in the rows then.
+    of_pages = [f"{each}{end}" for each in MARGINS for end in ("", "_low", "_high")]
+    where = ("url", "started_from", *of_pages)
     assert rows_of(store, without=where) == rows_of(undisturbed, without=where)
+    assert any(row["gain_margin_db"] for row in rows_of(store))
     assert all(row["url"].startswith("s3://flights/") for row in rows_of(store))
     pages = list((store / "reports").glob("*.html"))
     assert len(pages) == 4
