@@ -117,14 +117,13 @@ def _torques(
         remarks=(*airframe.remarks, *rebuilt.remarks, *mistrust, *scaled.remarks, *refused),
     )
     # The torques in N m, logged and calibrated.
-    logged = tuple(TorqueSeries(series=one) for one in log.sources("torque_n_m"))
-    in_newton_metres = logged
+    in_newton_metres = [TorqueSeries(series=one) for one in log.sources("torque_n_m")]
     # Torque in N m is to be about as dense as the best command: units are not worth samples.
     best = max((one.n_samples for one in log.sources("torque_command")), default=0)
     dense = max((len(one.time_s) for one in rebuilt.series), default=0) >= _MOST_LOST * best
     if dense and all(scaled.calibration.known):
         made = (torque_n_m(one, airframe, scaled, rebuilt.expo) for one in rebuilt.series)
-        in_newton_metres = (*logged, *(one for one in made if one is not None))
+        in_newton_metres += [one for one in made if one is not None]
     sources = (
         *_commands(log, rebuilt, airframe, n_first=n_measured + rebuilt.trusted),
         *in_newton_metres,
@@ -138,10 +137,9 @@ def _commands(
     """Return the normalised torques, rebuilt and logged, in their order of preference."""
     achieved = [one for one in rebuilt.series if one.achieved]
     commanded = [one for one in rebuilt.series if not one.achieved]
-    logged = []
+    logged, throttle = [], log.first("throttle")
     for one in log.sources("torque_command"):
         # A logged command with the thrust that the mixing would give for it without limits.
-        throttle = log.first("throttle")
         if throttle is None or not airframe.inverts:
             logged.append(TorqueSeries(series=one))
         else:

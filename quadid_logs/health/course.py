@@ -99,7 +99,7 @@ def find_tilt(attitude: CleanSeries, intervals: Sequence[Interval]) -> Course | 
     record = _flown(attitude, intervals)
     if record is None:
         return None
-    record = Record(record.time_s, np.degrees(np.arccos(_upright(record.values)))[:, np.newaxis])
+    record = _tilt_deg(record.time_s, record.values)
     most = float(np.percentile(record.values, _NEARLY_ALL))
     within = most <= _FAILING_TILT_DEG
     told = f"In 99 % of the flight the vehicle tilts by less than {number(most, 2)} deg, "
@@ -120,11 +120,7 @@ def find_tilt(attitude: CleanSeries, intervals: Sequence[Interval]) -> Course | 
         unit="deg",
         columns=("tilt",),
         limits=((_FAILING_TILT_DEG, "above this: acrobatics or a loss of control"),),
-        figures={
-            "p99": Quantity(
-                float(np.radians(most)), "rad", normal=(0.0, float(np.radians(_FAILING_TILT_DEG)))
-            )
-        },
+        figures={"p99": _below_failing(most)},
     )
 
 
@@ -149,10 +145,7 @@ def find_tumble(rate: CleanSeries, hops: Sequence[Interval]) -> Course | None:
     if not found:
         return None
     angles = [tilt_from_rates(one.values, period_s, math.inf) for one in found]
-    record = Record(
-        np.concatenate([one.time_s for one in found]),
-        np.degrees(np.arccos(_upright(np.concatenate(angles))))[:, np.newaxis],
-    )
+    record = _tilt_deg(np.concatenate([one.time_s for one in found]), np.concatenate(angles))
     most, hop_s = float(record.values.max()), sum(end_s - start_s for start_s, end_s in hops)
     told = f"In the {number(hop_s, 2)} s that may have been in the air the vehicle tilted by up to "
     told += f"{number(most, 2)} deg by its gyro, "
@@ -174,11 +167,7 @@ def find_tumble(rate: CleanSeries, hops: Sequence[Interval]) -> Course | None:
         unit="deg",
         columns=("tilt",),
         limits=((_FAILING_TILT_DEG, "beyond, it turns over"),),
-        figures={
-            "highest": Quantity(
-                float(np.radians(most)), "rad", normal=(0.0, float(np.radians(_FAILING_TILT_DEG)))
-            )
-        },
+        figures={"highest": _below_failing(most)},
     )
 
 
@@ -381,6 +370,16 @@ def _flown(series: CleanSeries, intervals: Sequence[Interval]) -> Record | None:
 def _upright(angles: FloatArray) -> FloatArray:
     """Return the cosine of the angle between the body's and the Earth's vertical."""
     return np.asarray(np.clip(np.cos(angles[:, 0]) * np.cos(angles[:, 1]), -1.0, 1.0), dtype=np.float64)
+
+
+def _tilt_deg(time_s: FloatArray, angles: FloatArray) -> Record:
+    """Return the angle between the body's and the Earth's vertical over time [deg]."""
+    return Record(time_s, np.degrees(np.arccos(_upright(angles)))[:, np.newaxis])
+
+
+def _below_failing(tilt_deg: float) -> Quantity:
+    """Return a tilt beside what is normal."""
+    return Quantity(float(np.radians(tilt_deg)), "rad", normal=(0.0, float(np.radians(_FAILING_TILT_DEG))))
 
 
 def _by_axis(values: FloatArray, digits: int) -> str:

@@ -456,13 +456,14 @@ def spectra_of(
     """
     starts = [float(record.segment.time_s[0]) for record in records]
     highest_hz = min(_HIGHEST_HZ, _OF_SAMPLE_RATE / data.sample_period_s)
+    planned = is_planned(data)
     return block_spectra(
         columns,
         starts,
         data.sample_period_s,
-        length_s=_PLANNED_BLOCK_S if is_planned(data) else BLOCK_S,
+        length_s=_PLANNED_BLOCK_S if planned else BLOCK_S,
         highest_hz=highest_hz,
-        fewest=_FEWEST_BLOCKS if is_planned(data) else 0,
+        fewest=_FEWEST_BLOCKS if planned else 0,
     )
 
 

@@ -198,10 +198,10 @@ def write_report(
             for name in names:
                 # A rename replaces a symbolic link itself and never writes through it.
                 (beside / name).replace(folder / name)
-        ours = (REPORT_FILE, *(f"{key}.png" for key in FIGURE_KEYS))
-        for ours_name in ours:
-            if ours_name not in frozenset(names) and (folder / ours_name).is_file():
-                (folder / ours_name).unlink()
+        # What an earlier run drew and this one did not is no longer true.
+        for name in {REPORT_FILE, *(f"{key}.png" for key in FIGURE_KEYS)}.difference(names):
+            if (folder / name).is_file():
+                (folder / name).unlink()
     return timed
 
 
