@@ -3,7 +3,7 @@
 Every case has a number; the number and --seed alone decide what is done, so
 that ``--only NUMBER`` repeats it. A case must end in a result or a
 `QuadidError`, with warnings as errors, within 5 times the processor time of
-an intact log of its size, in bytes or in samples (at least `LEAST_SECONDS`),
+an intact log of its size, in bytes or in samples (at least `LEAST_MINUTES`),
 and within 4 times the file + 300 MB.
 
 Run ``python fuzz/run.py --help``.
@@ -48,8 +48,9 @@ from quadid_logs.report import json_text, write_report  # noqa: E402
 from quadid_logs.simulator import simulate  # noqa: E402
 from quadid_logs.writers import write_log  # noqa: E402
 
-#: Below this processor time [s] noise rules, not the input; by depth.
-LEAST_SECONDS = {"read": 0.5, "analyze": 3.0, "report": 30.0}
+#: Below this processor time noise rules, not the input; by depth, in whole analyses of an intact minute at
+#: 50 Hz: a machine that is busy or slow is so for both.
+LEAST_MINUTES = {"read": 0.25, "analyze": 1.25, "report": 12.5}
 #: Of the cases, those that are no damage.
 EXTREME_FRACTION = 0.2
 TIME_FACTOR, MEMORY_FACTOR, MEMORY_SPARE = 5.0, 4.0, 300e6
@@ -62,9 +63,10 @@ BATCH = 500
 
 
 class Intact(NamedTuple):
-    """Processor time [s] of intact logs: by name and depth, and of a whole analysis by sample."""
+    """Processor time [s] of intact logs: by name and depth; a minute's whole analysis, and by sample."""
 
     seconds: dict[tuple[str, str], float]
+    minute_s: float
     sample_s: float
 
 
@@ -156,7 +158,8 @@ def _intact(seeds: list[Seed]) -> Intact:
         write_log(simulate("sysid-quad-x", seed=1, duration_s=60.0, rate_hz=50.0).log, path)
         began = time.process_time()
         n_samples = _run(path, "analyze")
-    return Intact(taken, (time.process_time() - began) / n_samples)
+        minute_s = time.process_time() - began
+    return Intact(taken, minute_s, minute_s / n_samples)
 
 
 def _run_tolerant(path: Path, depth: str) -> None:
@@ -267,12 +270,23 @@ def _out_of_time(_signal: int, _frame: FrameType | None) -> None:
 
 
 def _outcome(number: int, seed: int, seeds: list[Seed], intact: Intact, folder: Path) -> dict[str, Any]:
-    """Run one case within its limits."""
+    """Run one case within its limits; one that takes too long may have been disturbed, and runs once more."""
+    outcome = _attempt(number, seed, seeds, intact, folder)
+    if outcome.pop("slow", False):
+        outcome = _attempt(number, seed, seeds, intact, folder)
+        outcome.pop("slow", None)
+    return outcome
+
+
+def _attempt(number: int, seed: int, seeds: list[Seed], intact: Intact, folder: Path) -> dict[str, Any]:
+    """Run one case once within its limits."""
     log, depth, content = _case(number, seed, seeds)
     path = folder / f"log{log.suffix}"
     path.write_bytes(content)
     size = max(1.0, len(content) / len(log.content))
-    limit_s = max(LEAST_SECONDS[depth], TIME_FACTOR * size * intact.seconds[log.name, depth])
+    limit_s = max(
+        LEAST_MINUTES[depth] * intact.minute_s, TIME_FACTOR * size * intact.seconds[log.name, depth]
+    )
     outcome: dict[str, Any] = {"number": number, "log": log.name, "depth": depth, "n_bytes": len(content)}
     before = _reset_peak()
     began = time.process_time()
@@ -293,6 +307,7 @@ def _outcome(number: int, seed: int, seeds: list[Seed], intact: Intact, folder: 
     outcome["memory"] = _status_bytes("VmHWM") - before
     if "failure" not in outcome:
         if outcome["seconds"] > limit_s:
+            outcome["slow"] = True
             outcome["failure"] = f"{outcome['seconds']:.2f} s of processor time, limit {limit_s:.2f} s"
         elif outcome["memory"] > MEMORY_FACTOR * len(content) + MEMORY_SPARE:
             outcome["failure"] = f"{outcome['memory'] / 1e6:.0f} MB for {len(content) / 1e6:.2f} MB"
