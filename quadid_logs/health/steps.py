@@ -1,6 +1,6 @@
 """Step responses of the rates as they were flown, by deconvolution of set-point and rate.
 
-After the way of PID-Analyzer (F. Voss, 2018): windows of both series, a Wiener filter, averages over windows.
+After the way of PID-Analyzer (F. Voss, 2018): windows of both series, averages over them, a Wiener filter.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from quadid_logs.vocabulary import AXES
 _WINDOW_S: Final = 2.0
 #: How much of the response is shown, and where it has settled [s].
 _SHOWN_S, _SETTLED_S, _END_S = 0.5, 0.35, 0.65
-#: Frequencies with a hundredth of the set-point's power tell half as much: 20 dB, as in PID-Analyzer.
-_NOISE: Final = 0.01
+#: The main lobe of a Hann window [bins]: so far a residual's power is averaged.
+_LOBE: Final = 2
 #: PID-Analyzer's limit of what set-points hold [Hz].
 _CUT_HZ: Final = 25.0
 #: A slower log, but for some jitter, does not hold these frequencies [s].
@@ -49,6 +49,8 @@ _OVERSHOOT: Final = 0.2
 _LEAST_S: Final = 1e-5
 
 
+#: Set-point and rate of each record, shape (n_samples,) each.
+_Pairs = Sequence[tuple[FloatArray, FloatArray]]
 _Size = Literal["all", "small", "large"]
 
 
@@ -99,8 +101,7 @@ def find_responses(
     responses = {}
     for column, axis in enumerate(AXES):
         pairs = [(one.values[:, column], one.values[:, len(AXES) + column]) for one in found]
-        windows = _windows(pairs, period_s)
-        response = None if windows is None else _response(windows)
+        response = _response(pairs, period_s)
         if response is not None:
             responses[axis] = response
     return responses
@@ -156,37 +157,33 @@ def find_steps(responses: dict[str, Response]) -> Steps | None:
     return Steps(sentence=told, level=level, axes=axes)
 
 
-def _windows(pairs: Sequence[tuple[FloatArray, FloatArray]], period_s: float) -> _Windows | None:
+def _windows(pairs: _Pairs, period_s: float, late: int = 0) -> _Windows | None:
+    """Transform windows, those of the rate beginning `late` samples after those of the set-point."""
     n = 2 * round(0.5 * _WINDOW_S / period_s) if period_s > 0.0 else 0
     if n < 8:
         return None
     window = np.hanning(n + 1)[:-1]
     xs, ys, peaks = [], [], []
     for asked, flown in pairs:
-        if asked.size < n:
+        if asked.size < n + late:
             continue
-        x, y = (np.lib.stride_tricks.sliding_window_view(one, n)[:: n // 2] for one in (asked, flown))
+        both = asked[: asked.size - late], flown[late:]
+        x, y = (np.lib.stride_tricks.sliding_window_view(one, n)[:: n // 2] for one in both)
         peaks.append(np.abs(x).max(axis=1))
         xs.append(np.fft.rfft(x * window, axis=1))
         ys.append(np.fft.rfft(y * window, axis=1))
     if sum(map(len, xs)) < _GROUPS:
         return None
     x, y = np.concatenate(xs), np.concatenate(ys)
+    y *= np.exp(-2j * np.pi * late * np.fft.rfftfreq(n))
     return _Windows(np.abs(x) ** 2, np.conj(x) * y, np.abs(y) ** 2, np.concatenate(peaks), period_s, n)
 
 
-def _response(windows: _Windows) -> Response | None:
+def _response(pairs: _Pairs, period_s: float) -> Response | None:
     """Return lag and step responses, None where the set-points do not tell."""
-    everything: BoolArray = np.ones(windows.peak.size, dtype=np.bool_)
-    whole = _curve(windows, everything)
-    if whole is None:
+    windows = _windows(pairs, period_s)
+    if windows is None:
         return None
-    split = _LARGE * float(np.percentile(windows.peak, 99.0))
-    large = windows.peak > split
-    curves = [_shown("all", everything, whole)]
-    some: list[tuple[_Size, BoolArray]] = [("small", ~large), ("large", large)]
-    parts = [(size, chosen, _curve(windows, chosen)) for size, chosen in some if chosen.sum() >= _GROUPS]
-    told = [_shown(size, chosen, curve) for size, chosen, curve in parts if curve and curve.known]
     # Where the cross-correlation is highest [s]; None where that may not be behind the set-point.
     cross = windows.xy
     total = cross.sum(axis=0)
@@ -197,6 +194,20 @@ def _response(windows: _Windows) -> Response | None:
     lag = found if found.ci95 is not None and found.ci95[0] > 0.0 else None
     if lag is None:
         return None
+    # A window of the rate that begins as much later holds the response to all of the set-point's, not only to
+    # its beginning (G. C. Carter, 1987: misalignment biases a coherence, and the response with it).
+    aligned = _windows(pairs, period_s, round(lag.value / period_s))
+    windows = windows if aligned is None else aligned
+    everything: BoolArray = np.ones(windows.peak.size, dtype=np.bool_)
+    whole = _curve(windows, everything)
+    if whole is None:
+        return None
+    split = _LARGE * float(np.percentile(windows.peak, 99.0))
+    large = windows.peak > split
+    curves = [_shown("all", everything, whole)]
+    some: list[tuple[_Size, BoolArray]] = [("small", ~large), ("large", large)]
+    parts = [(size, chosen, _curve(windows, chosen)) for size, chosen in some if chosen.sum() >= _GROUPS]
+    told = [_shown(size, chosen, curve) for size, chosen, curve in parts if curve and curve.known]
     if windows.period_s > _SLOWEST_S or not whole.known:
         return Response(lag, None)
     steps = AxisSteps(
@@ -235,21 +246,23 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
     power = xx.sum(axis=0)
     if not power.max() > 0.0:
         return None
-    explained = (np.abs(xy.sum(axis=0)) ** 2 / np.maximum(power, np.finfo(float).tiny))[low_pass].sum()
-    if not explained >= _LEAST_EXPLAINED * windows.yy[chosen].sum(axis=0)[low_pass].sum():
+    cross, answered = xy.sum(axis=0), windows.yy[chosen].sum(axis=0)
+    explained = np.abs(cross) ** 2 / np.maximum(power, np.finfo(float).tiny)
+    if not explained[low_pass].sum() >= _LEAST_EXPLAINED * answered[low_pass].sum():
         return None
-    step = _step(windows, power, xy.sum(axis=0))
+    trust = _trust(power, np.maximum(answered - explained, 0.0), len(xx))
+    step = _step(windows, power, cross, trust)
     before = step[: windows.n // 2 - max(2, round(0.02 / windows.period_s))]
     first, after = (windows.n // 2 + round(one / windows.period_s) for one in (_SETTLED_S, _END_S))
     end = float(step[first : after + 1].mean())
-    ideal = _step(windows, power, power)
+    ideal = _step(windows, power, power, trust)
     early = (before - ideal[: before.size]).max()
     if abs(end - 1.0) > _OFF or early > _OFF or before.min() < -_OFF:
         return None
     groups = np.array_split(np.arange(len(xx)), _GROUPS)
     others = np.array(
         [
-            _step(windows, power - xx[one].sum(axis=0), (xy.sum(axis=0) - xy[one].sum(axis=0)))
+            _step(windows, power - xx[one].sum(axis=0), cross - xy[one].sum(axis=0), trust)
             for one in groups
         ]
     )
@@ -273,12 +286,22 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
     )
 
 
-def _step(windows: _Windows, power: FloatArray, cross: FloatArray) -> FloatArray:
+def _trust(power: FloatArray, residual: FloatArray, n_windows: int) -> FloatArray:
+    """Return how much of each frequency's response is kept, 0 to 1; shape (n_frequencies,).
+
+    The response is a ratio of spectra. Its variance is the residual's power over the set-point's and over the
+    number of windows. A loop responds with about one up to its bandwidth, beyond with less: at first
+    the response has mean 0 and variance 1. Its mean afterwards is kept (N. Wiener, 1949).
+    """
+    around = np.ones(2 * _LOBE + 1) / (2 * _LOBE + 1)
+    behind = np.convolve(np.pad(residual, _LOBE, mode="edge"), around, mode="valid")
+    variance = behind / (max(n_windows - 1, 1) * np.maximum(power, np.finfo(float).tiny))
+    return np.asarray(1.0 / (1.0 + variance), dtype=np.float64)
+
+
+def _step(windows: _Windows, power: FloatArray, cross: FloatArray, trust: FloatArray) -> FloatArray:
     """Return the response to a step at the middle of the result, shape (n,)."""
-    frequency_hz = np.fft.rfftfreq(windows.n, windows.period_s)
-    noise = _NOISE * float(power[frequency_hz <= 5.0].mean())
-    smooth = np.exp(-0.5 * (frequency_hz / _CUT_HZ) ** 2)
-    impulse = np.fft.irfft(cross / (power + noise) * smooth, windows.n)
+    impulse = np.fft.irfft(trust * cross / np.maximum(power, np.finfo(float).tiny), windows.n)
     return np.asarray(np.cumsum(np.roll(impulse, windows.n // 2)), dtype=np.float64)
 
 

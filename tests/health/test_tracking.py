@@ -42,20 +42,37 @@ def test_the_step_response_of_a_first_order_loop_is_measured() -> None:
         assert one.overshoot.value < 0.05
 
 
-def test_an_overshooting_loop_is_seen_to_overshoot() -> None:
-    """A damping ratio of 0.4 overshoots a step by 25 %; set-points of 4 Hz show most of it."""
+def second_order(frequency_hz: float, damping: float, lag_s: float, asked_hz: float, noise: float = 0.0):
+    """Return a flight whose loop is of second order, behind set-points that end at `asked_hz`."""
     t = grid(400.0)
-    asked = coloured(1, t.size, 400.0, 12.0)
+    asked = coloured(1, t.size, 400.0, asked_hz)
     s = 2j * np.pi * np.fft.rfftfreq(t.size, 1.0 / 400.0)
-    w = 2.0 * np.pi * 4.0
-    response = w**2 / (s**2 + 0.8 * w * s + w**2)
+    w = 2.0 * np.pi * frequency_hz
+    response = np.exp(-lag_s * s) * w**2 / (s**2 + 2.0 * damping * w * s + w**2)
     rates = np.fft.irfft(np.fft.rfft(asked, axis=0) * response[:, None], t.size, axis=0)
-    found = find_responses(
-        series("body_rate", t, rates), series("body_rate_setpoint", t, asked), ((t[0], t[-1]),)
-    )
+    rates += noise * np.random.default_rng(3).standard_normal(rates.shape)
+    return series("body_rate", t, rates), series("body_rate_setpoint", t, asked), ((t[0], t[-1]),)
+
+
+@pytest.mark.parametrize(
+    ("frequency_hz", "asked_hz", "noise"), [(4.0, 12.0, 0.0), (4.0, 3.0, 0.02), (9.0, 3.0, 0.02)]
+)
+def test_an_overshooting_loop_is_seen_to_overshoot(
+    frequency_hz: float, asked_hz: float, noise: float
+) -> None:
+    """A damping ratio of 0.4 overshoots a step by 25 %, also where the loop is faster than the sticks."""
+    found = find_responses(*second_order(frequency_hz, 0.4, 0.006, asked_hz, noise))
+    assert set(found) == {"roll", "pitch", "yaw"}
     for one in found.values():
         assert one.steps is not None
-        assert one.steps.overshoot.value == pytest.approx(0.25, abs=0.06)
+        assert one.steps.overshoot.value == pytest.approx(0.254, abs=0.05)
+
+
+def test_a_slow_loop_reaches_half_of_a_step_when_it_does() -> None:
+    """A loop of 4 Hz and half of critical damping needs 51.5 ms after its delay, as its closed form says."""
+    for one in find_responses(*second_order(4.0, 0.5, 0.01, 1.0, 0.002)).values():
+        assert one.steps is not None
+        assert one.steps.half_time.value == pytest.approx(0.0615, abs=0.0015)
 
 
 def test_of_three_axes_the_one_that_overshoots_is_named() -> None:
