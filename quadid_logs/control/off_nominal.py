@@ -224,7 +224,10 @@ def factors(point: FlownPoint, condition: Condition, n_plants: int, *, by_drag: 
     Factors
         Of the estimate, then of vehicles that differ in what the log does not tell of their motors.
     """
-    motors = _motors(point, n_plants)
+    return _factors(point, _motors(point, n_plants), condition, by_drag=by_drag)
+
+
+def _factors(point: FlownPoint, motors: _Motors, condition: Condition, *, by_drag: bool) -> Factors:
     flown = _at(point, motors, Condition(condition.kind))
     other = _at(point, motors, condition)
     arm = condition.propeller if by_drag else 1.0
@@ -288,8 +291,9 @@ class OffNominal(NamedTuple):
         return tuple(_around(loops, each[number]) for number in numbers)
 
     def _each(self, loops: ScaledLoops) -> list[Factors]:
-        n_plants = loops.plants.effectiveness.size
-        return [factors(self.point, one, n_plants, by_drag=self.by_drag) for one in self.conditions]
+        # The same vehicles in all conditions.
+        motors = _motors(self.point, loops.plants.effectiveness.size)
+        return [_factors(self.point, motors, one, by_drag=self.by_drag) for one in self.conditions]
 
     def margins(
         self, loops: ScaledLoops, following: AxisController | None, limits: Limits

@@ -594,31 +594,26 @@ class SeparateGains:
 
         Shape (n_sets, n_vehicles, n_limits), for answers of a controller (n_sets, 3, n_frequencies).
         """
-        loops, (body, part, damping) = self._loops, vehicles
-        back, by_angle, _ = np.moveaxis(answers, 1, 0)[:, :, np.newaxis]
-        n = integrators(loops.controller)
-        both = [(back, n)] if loops.angle is None else [(back, n), (back + by_angle, n + 1)]
+        (body, part, damping), frequency_hz = vehicles, self._loops.frequency_hz
+        back, by_angle, _ = np.moveaxis(answers, 1, 0)
+        # The rate loop and the whole one, where it is known: (n_sets, n_loops, n_frequencies).
+        both = np.stack([back] if self._loops.angle is None else [back, back + by_angle], axis=1)
+        poles = integrators(self._loops.controller) + np.arange(both.shape[1])
         # So few sets at a time that their loops stay in the processor's cache.
-        at_once = max(POINTS_AT_ONCE // body.size, 1)
-
-        def told(one: ComplexArray, n_poles: int) -> FloatArray:
-            some = (body * one[first : first + at_once] for first in range(0, len(one), at_once))
-            kept = [
-                spare_of(
-                    figures_of(
-                        loops.frequency_hz,
-                        each.reshape(-1, loops.frequency_hz.size),
-                        n_poles,
-                        np.tile(damping > 0.0, len(each)),
-                    ),
-                    self._limits,
-                )
-                for each in some
-            ]
-            return np.concatenate(kept).reshape(len(answers), len(body), -1)
-
-        kept = np.concatenate([told(*one) for one in both], axis=2)
-        return np.asarray(kept / (self._aim * part[:, np.newaxis]))
+        at_once = max(POINTS_AT_ONCE // (body.size * poles.size), 1)
+        kept = []
+        for first in range(0, len(both), at_once):
+            some = body[:, np.newaxis] * both[first : first + at_once, np.newaxis]
+            n_plants = len(some) * len(body)
+            figures = figures_of(
+                frequency_hz,
+                some.reshape(-1, frequency_hz.size),
+                np.tile(poles, n_plants),
+                np.tile(np.repeat(damping > 0.0, poles.size), len(some)),
+            )
+            kept.append(spare_of(figures, self._limits))
+        each = np.concatenate(kept).reshape(len(answers), len(body), -1)
+        return np.asarray(each / (self._aim * part[:, np.newaxis]))
 
     def _bear(self, factors: Mapping[str, float], part: float) -> bool:
         """Tell whether some vehicles keep a part of all limits, with the gains of a file."""
