@@ -71,6 +71,7 @@ def test_every_layout_of_a_firmware_truth_is_read(truth):
     np.testing.assert_array_equal(known.effectiveness, [1.0, 2.0, 3.0])
 
 
+@pytest.mark.thorough
 def test_a_missing_package_is_named_and_left_out(monkeypatch, tmp_path, capsys):
     """And the table is written all the same."""
     find_spec = importlib.util.find_spec

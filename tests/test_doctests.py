@@ -14,6 +14,7 @@ import quadid_logs
 from quadid_logs import pipeline
 from quadid_logs.data.result import Result
 from tests.conftest import REPOSITORY
+from tests.marks import thorough_but
 
 FILES = [
     path
@@ -23,6 +24,8 @@ FILES = [
 MODULES = [
     ".".join(path.relative_to(REPOSITORY).with_suffix("").parts).removesuffix(".__init__") for path in FILES
 ]
+#: Whose examples analyze a flight that no other example does.
+LONG = {"quadid_logs.api.analysis", "quadid_logs.notebook", "quadid_logs.report.folder"}
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +34,7 @@ def analyze_once() -> Callable[..., Result]:
     return functools.cache(pipeline.analyze)
 
 
-@pytest.mark.parametrize("module", MODULES)
+@pytest.mark.parametrize("module", thorough_but(set(MODULES) - LONG, MODULES))
 def test_the_examples_hold(
     module: str, analyze_once: Callable[..., Result], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -251,6 +251,7 @@ def test_a_thinned_scatter_covers_the_same_area() -> None:
     assert y.max() == pytest.approx(points[1].max(), abs=0.2)
 
 
+@pytest.mark.thorough
 def test_windows_that_could_not_be_solved_do_not_stop_the_figures(usable: Result, tmp_path: Path) -> None:
     """Infinite condition numbers and NaN coefficients are left out of the picture."""
     model = usable.identification.models[1]
@@ -381,6 +382,7 @@ def _simulated() -> Result:
     )
 
 
+@pytest.mark.thorough
 def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> None:
     """Where the multisine moves roll, 1 to 5 Hz, gain within 3 % and phase within 3 degrees."""
     figure = frequency_response(_simulated())
@@ -394,6 +396,7 @@ def test_the_frequency_response_of_a_simulated_flight_lies_on_the_model() -> Non
         assert error < (0.03 if relative else 3.0)
 
 
+@pytest.mark.thorough
 def test_the_third_octaves_of_the_response_lie_on_the_model_where_the_vehicle_moved() -> None:
     """Those that the band is chosen from, behind the gyro's filter as the logged rates are."""
     figure = frequency_response(_simulated())

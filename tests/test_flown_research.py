@@ -92,6 +92,7 @@ def test_the_small_quadrotor_has_a_gain_on_roll_and_pitch(corpus: Path, analyzed
     assert "refused" not in {result.diagnosis.axes[axis].verdict for axis in ("roll", "pitch")}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", AXES)
 def test_a_hover_whose_torque_is_the_inverse_controller_s_is_refused_by_that_name(
     corpus: Path, analyzed: Analyzed, axis: str

@@ -82,6 +82,7 @@ def test_it_does_not_matter_how_the_log_comes(n_updates: int) -> None:
         assert first.effectiveness == pytest.approx(second.effectiveness, rel=0.003)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "name", thorough_but(["doublets"], ["doublets", "pilot-sticks", "wind", "rough-air"])
 )
@@ -145,6 +146,7 @@ def test_saturation_is_said(folder: Path) -> None:
     assert "at their limits" in figure_line(figures)
 
 
+@pytest.mark.thorough
 def test_an_oscillation_is_said_with_its_frequency(folder: Path) -> None:
     """While there is time to land: here in rate and output of roll, at 6.2 Hz, and nowhere without it."""
     log = simulate("gentle-hover", autopilot="ardupilot", rate_hz=100.0, duration_s=20.0).log
@@ -239,6 +241,7 @@ def test_a_long_flight_keeps_the_blocks_in_which_most_was_commanded(
     assert [axis.effectiveness for axis in axes] == pytest.approx(truth, rel=0.07)
 
 
+@pytest.mark.thorough
 @SAMPLE_LOGS
 @settings(max_examples=6, deadline=None)
 @given(data=st.data())

@@ -42,6 +42,7 @@ def weakened() -> tuple[Result, np.ndarray]:
     return flown(motor_fault=1, motor_effectiveness=0.8)
 
 
+@pytest.mark.thorough
 def test_each_interval_holds_the_vehicle_before_and_after(weakened: tuple[Result, np.ndarray]) -> None:
     """A quarter of every torque is this motor's: 5 % are lost."""
     result, gains = weakened
@@ -53,6 +54,7 @@ def test_each_interval_holds_the_vehicle_before_and_after(weakened: tuple[Result
         assert high > before, axis
 
 
+@pytest.mark.thorough
 def test_every_axis_is_called_a_caution_for_it(weakened: tuple[Result, np.ndarray]) -> None:
     """One model describes neither vehicle."""
     result, _ = weakened
@@ -62,6 +64,7 @@ def test_every_axis_is_called_a_caution_for_it(weakened: tuple[Result, np.ndarra
     assert all("QL536" in result.diagnosis.axes[axis].reasons for axis in AXES)
 
 
+@pytest.mark.thorough
 def test_margins_are_drawn_from_both(weakened: tuple[Result, np.ndarray]) -> None:
     """What margins are drawn from is as wide as what is told."""
     result, _ = weakened

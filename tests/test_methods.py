@@ -101,6 +101,7 @@ JSON = st.recursive(
 )
 
 
+@pytest.mark.thorough
 @given(place=st.sampled_from([*content(), *content()["results"][0], "roll", "value", "ci95"]), value=JSON)
 def test_any_value_at_any_place_is_read_or_refused(tmp_path_factory, place: str, value: object) -> None:
     """Nothing but the reader's own error is ever raised."""
@@ -363,6 +364,7 @@ def one_short_flight(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "ENTRANTS", (*kept, absent))
 
 
+@pytest.mark.thorough
 def test_the_command_writes_page_picture_and_entries(
     one_short_flight: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -43,6 +43,7 @@ def drawn(usable: Result) -> dict[str, Any]:
     return quadid_logs.matplotlib_figures(usable)
 
 
+@pytest.mark.thorough
 def test_figures_are_ordinary_matplotlib_figures(drawn: dict[str, Any], tmp_path: Path) -> None:
     """They can be changed and saved; pyplot holds none of them."""
     import matplotlib.pyplot as plt

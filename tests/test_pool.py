@@ -62,6 +62,7 @@ def test_times_of_the_second_log_follow_those_of_the_first(pooled: Result) -> No
     assert ends == sorted(ends)
 
 
+@pytest.mark.thorough
 def test_logs_of_different_rates_are_pooled_at_the_slower_one(
     flights: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -73,6 +74,7 @@ def test_logs_of_different_rates_are_pooled_at_the_slower_one(
     assert len(data.flight_segments) == 2
 
 
+@pytest.mark.thorough
 def test_newton_metres_and_commands_are_not_pooled(flights: list[Path], tmp_path: Path) -> None:
     """A PX4 log with calibrated rotors beside one with commands."""
     other = written(tmp_path, "other.ulg", "sysid-quad-x", seed=5, duration_s=25.0, autopilot="px4")

@@ -41,6 +41,7 @@ def test_one_flight_is_too_short_and_five_are_enough(flights: list[Simulation], 
     assert pooled.verdict["pitch"] != "refused"
 
 
+@pytest.mark.thorough
 def test_the_interval_of_the_pool_holds_the_truth(flights: list[Simulation], pooled: Result) -> None:
     """Roll and pitch, as simulated."""
     model = pooled.identification.recommended
@@ -53,6 +54,7 @@ def test_the_interval_of_the_pool_holds_the_truth(flights: list[Simulation], poo
         assert high - low < 0.2 * gain[axis, axis]
 
 
+@pytest.mark.thorough
 def test_flights_of_one_vehicle_are_not_told_apart(pooled: Result) -> None:
     """They differ by chance, and the finding that names the logs says by how much."""
     found = {one.code: one for one in pooled.diagnosis.findings}
@@ -63,6 +65,7 @@ def test_flights_of_one_vehicle_are_not_told_apart(pooled: Result) -> None:
     assert between["roll"]["p_value"] > 1e-3
 
 
+@pytest.mark.thorough
 def test_a_flight_of_another_vehicle_is_found_and_widens_the_interval(
     flights: list[Simulation], pooled: Result
 ) -> None:
@@ -79,6 +82,7 @@ def test_a_flight_of_another_vehicle_is_found_and_widens_the_interval(
     assert gain.value - gain.ci95[0] > 0.5 * (gain.ci95[1] - gain.value)
 
 
+@pytest.mark.thorough
 def test_a_flight_that_is_given_twice_counts_once(flights: list[Simulation], pooled: Result) -> None:
     """Under another name it is still the same rates and torque: the interval is that of the five."""
     again = analyze_pooled([*flights, flights[0]])

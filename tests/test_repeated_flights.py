@@ -48,6 +48,7 @@ def pooled() -> Result:
     return analyze_pooled([repeated(air) for air in (41, 42, 43)])
 
 
+@pytest.mark.thorough
 def test_the_intervals_of_repeated_flights_hold_the_truth(pooled: Result) -> None:
     """All axes, to a quarter or better."""
     model = pooled.identification.recommended
@@ -59,6 +60,7 @@ def test_the_intervals_of_repeated_flights_hold_the_truth(pooled: Result) -> Non
     assert "refused" not in pooled.verdict.values()
 
 
+@pytest.mark.thorough
 def test_the_report_says_that_repeated_flights_tell_it(pooled: Result) -> None:
     """And that such a number is to be used with caution."""
     titles = [one.title for one in pooled.diagnosis.findings if one.code == "QL535"]

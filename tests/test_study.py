@@ -145,6 +145,7 @@ def test_a_structural_effect_changes_nothing_else_of_the_flight(monkeypatch):
     assert clean.scenario.effects.dead_zone == 0.0
 
 
+@pytest.mark.thorough
 def test_a_hidden_limit_clips_the_fraction_that_was_drawn():
     """Of the commands as they were without it, each axis by itself."""
     number = next(n for n in range(100) if draw_flight(1, n).clipped_fraction)
@@ -371,6 +372,7 @@ def test_a_flight_that_fails_is_told_and_fails_the_study(monkeypatch):
     assert "no flight 3" in found["error"]
 
 
+@pytest.mark.thorough
 def test_page_and_plots_need_no_full_study(tmp_path):
     """A few flights, of which none shows a lag."""
     flights = [flight(n, parameter(truth=100.0 + n), parameter(kind="on-axis damping")) for n in range(4)]
@@ -421,6 +423,7 @@ def test_the_true_loop_is_that_of_the_logs_parameters():
     pytest.fail("none of the flights was PX4's")
 
 
+@pytest.mark.thorough
 def test_the_table_of_margins_counts_what_holds_the_truth(tmp_path):
     """Of two phase margins one is off by three of its half-widths; a picture is drawn of few flights."""
 
@@ -503,6 +506,7 @@ def test_the_study_of_rate_loops_counts_those_that_lose_their_limits() -> None:
     assert "on 2 of 4 axes" in text
 
 
+@pytest.mark.thorough
 def test_a_log_without_its_angle_gains_has_no_angle_loop() -> None:
     """And its rate loop is as it was."""
     result = flown("ardupilot")

@@ -71,6 +71,7 @@ def test_the_damping_is_that_of_the_drag() -> None:
     assert run.quadratic * hung.moment == pytest.approx(6e-4, rel=0.05)
 
 
+@pytest.mark.thorough
 @given(
     moment=st.floats(1e-5, 1.0),
     ratio=st.floats(0.3, 3.0),
@@ -145,6 +146,7 @@ def test_the_strings_are_most_of_the_interval(log: FlightLog) -> None:
     assert 0.5 * (high - low) / hung.moment == pytest.approx(math.hypot(0.02, 0.002, 0.0027), rel=0.02)
 
 
+@pytest.mark.thorough
 def test_air_that_swings_along_lowers_the_lower_end_alone(log: FlightLog) -> None:
     """A disc of 0.5 m that turns about its diameter moves 16/45 rho a^5 of air (Lamb); in yaw none."""
     without, with_air = (swing(log, strings(Hung(), span_m=span)) for span in (0.0, 0.5))
@@ -240,6 +242,7 @@ def test_a_vehicle_file_needs_one_moment_that_is_known(text: str, tmp_path: Path
         read_vehicle(path)
 
 
+@pytest.mark.thorough
 def test_every_log_of_the_corpus_is_measured_or_refused(corpus: Path) -> None:
     """Damaged ones, flights, walks: never another exception."""
     for path in sorted((corpus / "damaged").iterdir()):

@@ -226,6 +226,7 @@ def told_spare(result: Result, gains: dict[str, float], *, draws: int = 1) -> fl
     return spare(scaled_loops(controllers.axes["roll"], plants, np.inf).margins(), GOOD)
 
 
+@pytest.mark.thorough
 def test_doubt_alone_costs_little_of_the_rejection_of_gusts() -> None:
     """Limits that the worst vehicle keeps in any condition would take 1.6 times the error."""
     doubted = vague(3.4, effectiveness=0.07, lag=0.1)
@@ -250,6 +251,7 @@ def test_flights_that_differ_little_are_told_as_much_rejection() -> None:
     assert max(told) < 1.1 * min(told)
 
 
+@pytest.mark.thorough
 def test_much_doubt_takes_the_loop_away_from_instability_and_not_all_rejection() -> None:
     """The worst vehicle may be close to instability: it is not any more, and keeps not all of the limits."""
     doubted = vague(3.4, effectiveness=0.3, lag=0.25)
@@ -444,6 +446,7 @@ def test_gains_one_by_one_reject_gusts_better_than_one_factor(raised: Tuning, ap
     assert errors[0] < errors[1]
 
 
+@pytest.mark.thorough
 def test_it_does_not_matter_which_of_two_parameters_holds_the_gain_of_px4s_loop() -> None:
     """MC_ROLLRATE_K multiplies P, I and D: a P at the end of its range and a small K are the same loop."""
     before = of_axes(flown("px4"), "roll")
@@ -620,6 +623,7 @@ def test_a_comparison_tells_that_the_promise_was_kept(advised: Tuning) -> None:
     assert one[1].held is Held.INSIDE
 
 
+@pytest.mark.thorough
 def test_a_promise_of_px4s_own_p_i_and_d_is_compared_too() -> None:
     """MC_ROLLRATE_K, which scales all of them, stays where it was."""
     first = of_axes(flown("px4"), "roll")
@@ -643,6 +647,7 @@ def test_a_broken_promise_sends_back_from_no_gains_that_keep_the_limits(advised:
     assert one.decision is Decision.KEEP
 
 
+@pytest.mark.thorough
 def test_a_promise_of_lowered_gains_that_was_not_kept_does_not_send_back() -> None:
     """More effective than it was, and still further from oscillating than before."""
     high = detuned(5.0)
@@ -928,15 +933,7 @@ def true_margins(corpus: Path, name: str, result: Result, axis: str, found: Axis
     return full
 
 
-#: Gains for one axis, and two refusals.
-OF_EACH_KIND = (
-    "ac47_quadx_sid_roll.BIN",
-    "ac47_quadx_default_logging.BIN",
-    "ac47_quadx_doublets.tlog",
-)
-
-
-@pytest.mark.parametrize("name", thorough_but(OF_EACH_KIND, FIRMWARE))
+@pytest.mark.parametrize("name", thorough_but(["ac47_quadx_doublets.tlog"], FIRMWARE))
 def test_the_true_vehicle_of_a_firmware_log_has_the_promised_margins(
     corpus: Path, analyzed: Analyzed, name: str
 ) -> None:

@@ -79,12 +79,14 @@ def test_the_thrust_curve_of_the_firmware_no_longer_matters() -> None:
     np.testing.assert_allclose(np.diag(found().B), truth, rtol=0.02)
 
 
+@pytest.mark.thorough
 def test_no_expo_is_looked_for_in_measured_thrust() -> None:
     """It goes with the square of speed."""
     data = cut(read(), AlignSettings())
     assert identify(data, IdentifySettings(), ACTUATED).thrust_curve is None
 
 
+@pytest.mark.thorough
 def test_inertia_follows_from_speeds_and_take_off_mass() -> None:
     """Within 2 % and in the interval."""
     inertia = found(VEHICLE).inertia
@@ -151,6 +153,7 @@ def averaged_read() -> Prepared:
     return prepare(averaged())
 
 
+@pytest.mark.thorough
 def test_speeds_that_predict_the_flight_worse_than_the_motor_commands_are_no_input() -> None:
     """Roll and pitch came out 22 % high, and usable."""
     prepared = averaged_read()
@@ -166,6 +169,7 @@ def test_where_measured_speeds_are_no_input_the_effectiveness_is_right() -> None
     np.testing.assert_allclose(np.diag(model.B), truth, rtol=0.02)
 
 
+@pytest.mark.thorough
 def test_inertia_is_calibrated_by_the_motor_commands_where_they_are_the_input() -> None:
     """Not by the speeds that were not believed."""
     data = cut(prepare(averaged(), VEHICLE), AlignSettings())

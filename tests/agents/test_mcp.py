@@ -130,6 +130,7 @@ def test_every_answer_begins_with_verdict_or_exit_code(tool: str, arguments: dic
     assert found["exit_code"] in {0, 1, 3}
 
 
+@pytest.mark.thorough
 def test_a_store_is_asked_by_sql(tmp_path: Path) -> None:
     pytest.importorskip("duckdb")
     for name in ("default-logging.bin", "doublets.tlog"):

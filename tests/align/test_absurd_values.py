@@ -48,6 +48,7 @@ def test_six_absurd_samples_change_no_gain(
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("which", [thorough("torque"), "rate"])
 def test_spikes_of_one_sample_change_no_gain(
     which: str, flown: tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -102,6 +103,7 @@ def test_noise_has_no_spikes() -> None:
     assert series.n_not_finite == 0
 
 
+@pytest.mark.thorough
 def test_rows_without_numbers_change_no_gain(flown: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     """Nine of them, two in a row at most."""
     time_s, rate, torque = flown

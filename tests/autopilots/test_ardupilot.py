@@ -373,6 +373,7 @@ MESSAGES = {
 }
 
 
+@pytest.mark.thorough
 @settings(max_examples=200, deadline=None)
 @given(data=st.data())
 def test_definitions_that_lie_about_their_columns_never_crash_the_reader(data: st.DataObject) -> None:

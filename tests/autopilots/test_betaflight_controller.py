@@ -360,6 +360,7 @@ def calm(seed: int, gain_off: float = 1.0) -> Replay:
     return replayed(log)["yaw"]
 
 
+@pytest.mark.thorough
 def test_what_chance_makes_of_rounding_in_a_calm_flight_is_no_other_controller() -> None:
     """In 200 flights whose controller is right; a set-point that stands is rounded once."""
     found = [calm(seed) for seed in range(200)]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from quadid_logs import pipeline
 from quadid_logs.autopilots import named
 from quadid_logs.autopilots.betaflight.flight_modes import flight_modes
 from quadid_logs.autopilots.betaflight.gains import tunable
@@ -17,6 +18,7 @@ from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import grid_hz, margins_of
 from quadid_logs.data.log import ModeChange, Rows
 from quadid_logs.data.result import Result
+from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.data.tuning import GOOD, Limits, Tuning
 from quadid_logs.report.gain_files import gain_files, reason_text
 from quadid_logs.report.tune_card import flight_files
@@ -34,8 +36,10 @@ HEADER = {"p_roll": 45.0, "i_roll": 80.0, "d_roll": 30.0}
 
 
 @pytest.fixture(scope="module")
-def sticks(corpus: Path, analyzed: Analyzed) -> Result:
-    return stiff(analyzed(corpus / "firmware" / STICKS))
+def sticks(corpus: Path) -> Result:
+    """Of 75 s the first 30."""
+    settings = Settings(align=AlignSettings(end_s=40.0))
+    return stiff(pipeline.analyze(corpus / "firmware" / STICKS, settings))
 
 
 @pytest.fixture(scope="module")
@@ -167,6 +171,7 @@ def in_angle_mode(sticks: Result, **changes: object) -> Result:
     return with_log(of_axes(sticks, "roll"), replace(sticks.log, modes=modes, **changes))
 
 
+@pytest.mark.thorough
 def test_an_angle_loop_whose_gain_no_header_tells_gives_no_gains(sticks: Result) -> None:
     """It takes phase from the rate loop, nobody knows how much."""
     kept = {name: one for name, one in sticks.log.parameters.items() if not name.startswith("levelPID")}
@@ -174,6 +179,7 @@ def test_an_angle_loop_whose_gain_no_header_tells_gives_no_gains(sticks: Result)
     assert (found.verdict, [one.code for one in found.reasons]) == ("refused", ["QL643"])
 
 
+@pytest.mark.thorough
 def test_in_angle_mode_margins_are_also_those_of_the_loop_with_the_angle_loop(sticks: Result) -> None:
     """The whole loop has less phase."""
     found = recommend(in_angle_mode(sticks), GOOD, ["roll"]).axes["roll"]
@@ -182,6 +188,7 @@ def test_in_angle_mode_margins_are_also_those_of_the_loop_with_the_angle_loop(st
     assert found.now.full.phase_margin_deg.value < found.now.rate.phase_margin_deg.value
 
 
+@pytest.mark.thorough
 def test_a_hover_is_refused(corpus: Path, analyzed: Analyzed) -> None:
     """Neither model nor controller can be told from it."""
     found = recommend(analyzed(corpus / "firmware" / HOVER), GOOD)
@@ -222,6 +229,7 @@ def test_modes_are_those_of_the_slow_frames() -> None:
     assert [(one.name, one.time_s) for one in found] == [("Acro", 0.0), ("Angle", 1.0), ("Acro", 2.0)]
 
 
+@pytest.mark.thorough
 def test_a_rate_loop_out_of_reach_is_not_told_to_lower_an_angle_gain(sticks: Result) -> None:
     """In Acro mode none flies: what may be left is a filter, which its own note names."""
     found = recommend(sticks, Limits(39.0, 89.0, 1.9), ["roll"]).axes["roll"]

@@ -31,6 +31,7 @@ def models(folder: Path) -> object:
     return json.loads((folder / "result.json").read_text())["models"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("autopilot", [FRAMES, thorough(BLOCKS)], ids=["frames", "blocks"])
 def test_the_result_is_that_of_the_log(autopilot: int, tmp_path: Path) -> None:
     """As if the card had been read."""
@@ -77,6 +78,7 @@ def test_figures_that_fail_leave_the_recording_alone(
     assert next((tmp_path / "logs").iterdir()).read_bytes() == original
 
 
+@pytest.mark.thorough
 def test_the_page_shows_the_figures_and_stands_still_after_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,10 +18,9 @@ from quadid_logs.cli.app import make_app
 from quadid_logs.cli.options import axes_of
 from quadid_logs.data.result import Result
 from quadid_logs.errors import SettingsError
-from quadid_logs.writers import write_log
 from tests.conftest import REPOSITORY
 from tests.marks import thorough
-from tests.synthetic_results import synthetic_prediction
+from tests.synthetic_results import synthetic_prediction, usable_result, write_placeholder_log
 
 pytestmark = pytest.mark.usefixtures("quick_multisines")
 
@@ -58,24 +57,7 @@ def test_a_verb_takes_the_options_of_all(verb: str, wanted: set[str]) -> None:
 @pytest.fixture(scope="module")
 def of_roll(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A flight that moves roll only."""
-    from quadid_logs.planning import _airframe, _manoeuvre, make_plan
-    from quadid_logs.simulator import Scenario, fly, plan_flights
-    from quadid_logs.simulator.logger import log_flights
-
-    plan = make_plan("ardupilot", ["roll"])
-    scenario = Scenario(
-        name="roll",
-        sentence="A sweep of roll.",
-        airframe=lambda: _airframe(0),
-        manoeuvre=lambda time_s, rng: _manoeuvre(plan, time_s, rng),
-        duration_s=plan.duration_s,
-    )
-    setups = plan_flights(
-        scenario, seed=0, duration_s=plan.duration_s, rate_hz=100.0, vehicle=None, autopilot="ardupilot"
-    )
-    path = tmp_path_factory.mktemp("roll") / "roll.bin"
-    write_log(log_flights(tuple(fly(each) for each in setups), scenario.logging), path)
-    return path
+    return write_placeholder_log(tmp_path_factory.mktemp("roll") / "roll.bin")
 
 
 @pytest.fixture
@@ -87,8 +69,14 @@ def analyzed_once(of_roll: Path, of_roll_result: Result, monkeypatch: pytest.Mon
 
 @pytest.fixture(scope="module")
 def of_roll_result(of_roll: Path) -> Result:
-    """What an analysis finds in it."""
-    return pipeline.analyze(of_roll)
+    """What an analysis might find in it: a model of roll alone."""
+    found = usable_result(8.0, str(of_roll))
+    axes = {
+        axis: verdict if axis == "roll" else replace(verdict, verdict="refused", reasons=("QL401",))
+        for axis, verdict in found.diagnosis.axes.items()
+    }
+    log = replace(found.log, swept_axes=("roll",))
+    return replace(found, log=log, diagnosis=replace(found.diagnosis, axes=axes))
 
 
 @pytest.mark.parametrize(("axes", "code"), [("roll", 0), ("", 0), ("roll,pitch", 1), ("yaw", 1)])
@@ -228,6 +216,7 @@ def test_a_part_that_holds_no_flight_is_not_exported(
     assert not file.exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -108,6 +108,7 @@ def test_an_intact_log_has_no_lost_bytes(corpus_log: Path) -> None:
     assert read_log(corpus_log).lost == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.corpus
 @pytest.mark.parametrize("corpus_log", [DAMAGED], indirect=True)
 def test_at_least_as_many_messages_are_kept_as_by_pymavlink(

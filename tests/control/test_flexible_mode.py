@@ -89,7 +89,7 @@ _LOW, _MIDDLE, _HIGH = (16.0, 0.03, 0.3), (27.0, 0.015, 0.5), (44.0, 0.02, 1.2)
 MODES = [_LOW, (20.0, 0.01, 0.15), _MIDDLE, (35.0, 0.015, 0.7), _HIGH]
 
 
-@pytest.mark.parametrize("mode", thorough_but([_LOW, _MIDDLE, _HIGH], MODES))
+@pytest.mark.parametrize("mode", thorough_but([_MIDDLE], MODES))
 def test_the_gain_margin_that_is_told_of_a_frame_that_bends_is_not_above_its_own(
     mode: tuple[float, float, float],
 ) -> None:
@@ -100,7 +100,7 @@ def test_the_gain_margin_that_is_told_of_a_frame_that_bends_is_not_above_its_own
 
 
 @pytest.mark.parametrize("air", [thorough(0.03), 0.3, thorough(3.0), thorough(30.0)])
-@pytest.mark.parametrize("mode", thorough_but([_LOW, _HIGH], MODES))
+@pytest.mark.parametrize("mode", thorough_but([_LOW], MODES))
 def test_torque_of_the_air_that_shakes_the_frame_does_not_hide_how_much_it_bends(
     mode: tuple[float, float, float], air: float
 ) -> None:
@@ -141,6 +141,7 @@ def measured_up_to(highest_hz: float, loop: np.ndarray) -> Measured:
     return Measured(Response(at_hz, np.array(means), np.full(at_hz.size, 0.03)))
 
 
+@pytest.mark.thorough
 def test_a_measured_response_without_a_skirt_rules_out_the_mode_above_it() -> None:
     """A propeller's line at 50 Hz might be a mode, if the response up to 33 Hz were not a stiff vehicle's."""
     stiff = loop_of(30.0, 0.05, 0.0)
@@ -159,6 +160,7 @@ def test_a_measured_response_hides_no_mode_whose_skirt_it_shows(mode: tuple[floa
     assert lowest_db(found) <= gain_margin_db(loop) + 1.0
 
 
+@pytest.mark.thorough
 def test_a_log_that_shows_no_noise_rules_nothing_out() -> None:
     """Five seconds are no spectrum: what is told then is what a frame may do."""
     rigid = loop_of(30.0, 0.05, 0.0)
@@ -282,6 +284,7 @@ def thirds(loop: np.ndarray) -> tuple[FrameModes, list[FrameModes]]:
     return found[2], found[:2]
 
 
+@pytest.mark.thorough
 def test_three_short_flights_rule_out_more_than_one() -> None:
     now, earlier = thirds(loop_of(30.0, 0.05, 0.0))
     together = with_earlier(now, earlier, VEHICLE.controller, PLANT, 5.0)
@@ -290,6 +293,7 @@ def test_three_short_flights_rule_out_more_than_one() -> None:
     assert lowest_db(together) > lowest_db(now)
 
 
+@pytest.mark.thorough
 def test_a_response_that_an_earlier_flight_confirms_leaves_no_mode_below() -> None:
     now, earlier = thirds(loop_of(30.0, 0.05, 0.0))
     together = with_earlier(now, earlier, VEHICLE.controller, PLANT, 40.0)
@@ -298,6 +302,7 @@ def test_a_response_that_an_earlier_flight_confirms_leaves_no_mode_below() -> No
     assert with_earlier(now, earlier, VEHICLE.controller, PLANT, 70.0) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mode", thorough_but([_MIDDLE], [mode for mode in MODES if mode[2] > 0.2]))
 def test_flights_together_tell_no_more_gain_margin_than_a_frame_that_bends_has(
     mode: tuple[float, float, float],

@@ -109,6 +109,7 @@ def test_a_second_lag_that_the_model_does_not_have_contradicts_it() -> None:
     assert not closed(TRUE, TRUE).contradicted
 
 
+@pytest.mark.thorough
 def test_an_excitation_at_the_mixer_shows_the_broken_loop_itself() -> None:
     """From 1 to 19 Hz, within 3 % and 2 degrees of the loop that flew."""
     found = closed(TRUE, TRUE, seconds=90.0, chirp_hz=22.0)

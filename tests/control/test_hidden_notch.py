@@ -56,6 +56,7 @@ def true_margins(axis: str, *, notched: bool) -> Margins:
     return scaled_loops(controller, plant, float("inf")).margins().rate
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_margins_hold_the_phase_of_a_notch_that_nobody_knows(axis: str) -> None:
     """The vehicle's delay was measured behind it; without it the loop would have several degrees more."""
@@ -66,11 +67,13 @@ def test_margins_hold_the_phase_of_a_notch_that_nobody_knows(axis: str) -> None:
     assert true_margins(axis, notched=False).phase_margin_deg.value > high + 2.0
 
 
+@pytest.mark.thorough
 def test_a_notch_that_nobody_knows_forbids_no_gains() -> None:
     codes = [one.code for one in recommend(hidden()[1], axes=["roll"]).axes["roll"].reasons]
     assert "QL620" not in codes
 
 
+@pytest.mark.thorough
 def test_it_does_where_the_rates_were_logged_before_the_filters() -> None:
     """Then its phase is nowhere."""
     found = hidden()[1]
@@ -79,6 +82,7 @@ def test_it_does_where_the_rates_were_logged_before_the_filters() -> None:
     assert "QL620" in codes
 
 
+@pytest.mark.thorough
 def test_filters_stay_beside_a_notch_that_nobody_knows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its delay is in the vehicle's: a search behind other filters would keep it."""
     monkeypatch.setattr(tuning, "_filter_wishes", lambda *_: pytest.fail("filters were looked for"))

@@ -133,7 +133,8 @@ def test_a_clipped_px4_flight_whose_allocator_status_is_missing_flew_with_its_pa
 
 
 @pytest.mark.parametrize(
-    ("name", "wrong"), [("P", 1.1), thorough("P", 0.9), ("I", 1.1), thorough("I", 0.9), ("D", 1.3)]
+    ("name", "wrong"),
+    [("P", 1.1), *(thorough(*one) for one in (("P", 0.9), ("I", 1.1), ("I", 0.9), ("D", 1.3)))],
 )
 def test_a_wrong_gain_is_no_stop_that_the_log_does_not_tell(name: str, wrong: float) -> None:
     log = with_unseen_stops(ApFlight(n=19500, limited_fraction=0.0).log(terms=False), 0.02)
@@ -153,6 +154,7 @@ def test_a_gain_that_is_as_in_the_file_is_not_said_to_differ(first: int) -> None
     assert found.reason not in (ReplayReason.GAIN_DIFFERS, ReplayReason.GAINS_CHANGED)
 
 
+@pytest.mark.thorough
 def test_a_gain_that_differs_is_found_beside_stops_that_no_log_tells() -> None:
     log = with_unseen_stops(ApFlight(n=19500, limited_fraction=0.0).log(terms=False), 0.02)
     found = roll(replace(log, parameters={**log.parameters, "ATC_RAT_RLL_P": 1.1 * AP_PID["P"]}))
@@ -208,6 +210,7 @@ def test_a_slew_limit_for_much_of_the_flight_blocks() -> None:
     assert found.numbers["fraction"] == pytest.approx(0.2, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_a_slew_limit_without_its_logged_factor_is_named() -> None:
     scale = np.where(np.sin(np.arange(8000) / 40.0) > 0.7, 0.5, 1.0)
     log = ApFlight(scale=scale).log(terms=False, parameters={"ATC_RAT_RLL_SMAX": 5.0})
@@ -258,6 +261,7 @@ def test_a_gyro_filter_that_was_changed_in_flight_is_named_though_the_replay_agr
     assert found.parameter == "INS_GYRO_FILTER"
 
 
+@pytest.mark.thorough
 def test_gains_changed_in_flight_are_found_where_no_change_was_logged() -> None:
     log = ApFlight(n=16000, change_at=9000, changed={"P": 0.2}).log(terms=False)
     found = roll(replace(log, parameter_changes=(), parameters=log.parameters | {"ATC_RAT_RLL_P": 0.135}))
@@ -329,6 +333,7 @@ def test_a_log_without_set_points_has_no_rows() -> None:
     assert (found.agrees, found.reason, found.n_rows) == (False, ReplayReason.NO_ROWS, 0)
 
 
+@pytest.mark.thorough
 def test_what_nothing_explains_is_said_to_be_unexplained() -> None:
     log = ApFlight().log(terms=False)
     output = log.signals["torque_command"][0]
@@ -510,6 +515,7 @@ def test_in_a_log_of_every_fourth_step_no_set_point_is_called_shifted() -> None:
     assert {one.reason for one in found.values()} == {ReplayReason.NO_ROWS}
 
 
+@pytest.mark.thorough
 def test_the_ground_before_the_flight_shows_as_a_reset_of_the_integrator(corpus: Path) -> None:
     found = roll(read_log(corpus / "firmware" / "ac47_quadx_multisine.BIN"))
     assert (found.agrees, found.reason) == (False, ReplayReason.INTEGRATOR_RESET)

@@ -17,6 +17,7 @@ from quadid_logs.simulator.closed_loop import Tuning
 from quadid_logs.simulator.control import Gains, arithmetic, rate_law, reset_rates
 from quadid_logs.writers import write_log
 from tests.control.flown_controller import AP_PID, ap_pid, motion
+from tests.marks import thorough_but
 
 SUFFIX = {"ardupilot": ".bin", "px4": ".ulg"}
 STEP_S = 0.0025
@@ -42,7 +43,7 @@ def test_a_simulated_flight_replays_from_its_file(tmp_path: Path, autopilot: str
         assert one.relative_rms["output"] < 2e-3
 
 
-@pytest.mark.parametrize("autopilot", SUFFIX)
+@pytest.mark.parametrize("autopilot", thorough_but(["ardupilot"], SUFFIX))
 def test_gains_changed_in_a_simulated_flight_are_named_from_its_file(tmp_path: Path, autopilot: str) -> None:
     log, found = flown(tmp_path, "gains-changed", autopilot)
     assert {one.reason for one in found.values()} == {ReplayReason.GAINS_CHANGED}
@@ -63,12 +64,14 @@ def test_a_simulated_slew_limiter_is_told_by_its_logged_factor(tmp_path: Path) -
     assert {remark.kind for remark in controllers.remarks} == {RemarkKind.SLEW_LIMIT}
 
 
+@pytest.mark.thorough
 def test_a_detuned_filter_is_flown_and_in_the_parameters(tmp_path: Path) -> None:
     log, found = flown(tmp_path, "detuned-filter", "ardupilot")
     assert log.parameters["ATC_RAT_RLL_FLTE"] == 4.0
     assert found["roll"].relative_rms["P"] < 0.01
 
 
+@pytest.mark.thorough
 def test_a_chirp_at_the_mixer_is_told_from_the_controllers_output(tmp_path: Path) -> None:
     log, found = flown(tmp_path, "single-axis", "ardupilot")
     assert log.parameters["SID_AXIS"] == 10.0

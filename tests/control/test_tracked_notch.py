@@ -102,12 +102,14 @@ def test_a_notch_that_swings_does_to_a_slow_motion_what_its_mean_response_says()
     assert abs(measured / said) == pytest.approx(1.0, abs=0.002)
 
 
+@pytest.mark.thorough
 def test_a_logged_speed_of_the_rotors_ends_the_doubt_about_the_notch() -> None:
     _, _, result = flown()
     assert result.closed_loop is not None
     assert result.closed_loop.controllers.remarks == ()
 
 
+@pytest.mark.thorough
 def test_the_notch_in_the_margins_stands_where_the_rotors_were() -> None:
     """The median of nine instants against that of the manoeuvre, which is most of the flight."""
     record, log, _ = flown()
@@ -116,6 +118,7 @@ def test_the_notch_in_the_margins_stands_where_the_rotors_were() -> None:
     assert found == pytest.approx(np.median(speeds_hz(record)), rel=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", range(3))
 def test_the_phase_margin_with_a_tracked_notch_is_the_true_loops(number: int) -> None:
     record, _, result = flown()
@@ -129,6 +132,7 @@ def test_the_phase_margin_with_a_tracked_notch_is_the_true_loops(number: int) ->
     assert low <= true_deg <= high
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", range(3))
 def test_the_cost_of_the_notch_is_that_in_the_true_loop(number: int) -> None:
     record, _, result = flown()
@@ -143,6 +147,7 @@ def test_the_cost_of_the_notch_is_that_in_the_true_loop(number: int) -> None:
     assert cost.phase_deg.value == pytest.approx(-float(np.degrees(np.angle(true[0]))), abs=0.2)
 
 
+@pytest.mark.thorough
 def test_without_its_notch_the_true_loop_would_have_degrees_more() -> None:
     """What the test above would not see if the notch were nothing: 360 x 9 Hz x 1.5 ms is 5 degrees."""
     record, _, result = flown()

@@ -264,6 +264,7 @@ def test_every_catalogue_entry_says_what_it_means_and_what_to_do() -> None:
         assert entry.advice.endswith(".")
 
 
+@pytest.mark.thorough
 def test_a_vehicle_that_changes_in_mid_flight_is_reported() -> None:
     """A payload drop lowers the inertia by a quarter after the first half."""
     heavy = fly(QUAD, multisine(25.0), feedback=8.0).segments[0]
@@ -288,6 +289,7 @@ def test_the_sentence_of_an_axis_does_not_say_the_verdict_again(judged: Diagnosi
         assert axis.sentence == "The model predicts validation data."
 
 
+@pytest.mark.thorough
 def test_two_packs_eight_per_cent_apart_are_told_and_the_interval_holds_both() -> None:
     """Half of the flight each: the mean of both is neither."""
     fresh = fly(QUAD, multisine(25.0), feedback=8.0).segments[0]

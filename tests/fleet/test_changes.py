@@ -82,6 +82,7 @@ def open_changes(histories):
     return [find_open_change(history, 0, n_tests, prior) for history in histories]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("n_flights", [4, thorough(6), thorough(12)])
 @pytest.mark.parametrize("scatter", [thorough(0.0), 5.0])
 def test_last_flights_of_vehicles_that_never_change_give_no_alarm(n_flights, scatter):
@@ -97,6 +98,7 @@ def test_last_flights_of_vehicles_that_never_change_give_no_alarm(n_flights, sca
     assert alarms <= 3
 
 
+@pytest.mark.thorough
 def test_uneven_intervals_of_vehicles_that_never_change_give_no_alarm():
     """Days scatter alike whether a flight's interval is wide or narrow: 20 fleets."""
     rng = np.random.default_rng(22)

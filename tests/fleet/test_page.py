@@ -112,6 +112,7 @@ def test_an_empty_store_gives_a_page(tmp_path):
     assert "A fleet of 0 vehicles" in (tmp_path / "x.html").read_text()
 
 
+@pytest.mark.thorough
 @pytest.mark.browser
 @pytest.mark.skipif(chromium.PATH is None, reason="no Chromium on this machine")
 @pytest.mark.parametrize(("width", "dark"), [(1280, False), (400, True)])

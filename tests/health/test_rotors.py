@@ -68,6 +68,7 @@ def test_a_motor_that_is_weak_from_the_beginning_is_named() -> None:
     assert lost == pytest.approx(0.2, abs=0.04)
 
 
+@pytest.mark.thorough
 def test_a_centre_of_mass_off_the_middle_is_no_weak_motor() -> None:
     """3 % of the arm forward."""
     health = flown("mass-off-centre")

@@ -241,6 +241,7 @@ def sticks() -> FlightData:
     return data
 
 
+@pytest.mark.thorough
 def test_gusts_do_not_pass_for_asymmetric_rotors(sticks: FlightData) -> None:
     """A few follow the instruments by chance, and are alike for a while."""
     (structure,) = (each for each in STRUCTURES if each.name == "damped")
@@ -264,6 +265,7 @@ def unbraked() -> tuple[Model, dict[str, Any]]:
     return recommended(data, DAMPED), truth
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_rotors_that_slow_down_by_drag_alone_do_not_bias_the_effectiveness(
     unbraked: tuple[Model, dict[str, Any]], axis: int

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
+import pytest
+
 from quadid_logs.align import cut
 from quadid_logs.data.settings import Settings
 from quadid_logs.identify import identify
@@ -16,6 +18,7 @@ from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 
+@pytest.mark.thorough
 def test_a_dead_zone_of_rotors_leaves_the_thrust_curve_as_it_is() -> None:
     """Corrected to the expo that seemed to be found, effectiveness was 6 to 8 % low in 5 %."""
     scenario = Scenario(

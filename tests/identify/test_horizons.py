@@ -94,6 +94,7 @@ def test_torque_after_the_horizon_tells_it_nothing(ahead: RatePredictor) -> None
         assert np.abs(after.predicted[same + 10] - before.predicted[same + 10]).max() > 0.0
 
 
+@pytest.mark.thorough
 def test_logged_speed_tells_what_the_air_will_do() -> None:
     """Of rates that nothing but the speed moves, the model without it sees nothing."""
     flights = [carried(seed) for seed in range(4)]
@@ -125,6 +126,7 @@ def test_a_flight_that_lacks_what_the_others_have_is_refused() -> None:
         ahead.predict(without_velocity(carried(10)))
 
 
+@pytest.mark.thorough
 def test_flights_that_repeat_each_other_vouch_for_nothing_else() -> None:
     """A pair of each kind: left out with its like, a flight is judged by the other kind alone."""
     heavy = replace(QUAD, inertia=2.0 * QUAD.inertia)

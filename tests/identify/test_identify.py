@@ -98,6 +98,7 @@ def test_the_inertia_in_n_m_is_the_inverse_of_b(model: Model) -> None:
     np.testing.assert_allclose(np.diag(model.inertia.matrix), np.diag(QUAD.inertia), rtol=0.02)
 
 
+@pytest.mark.thorough
 def test_a_full_inertia_tensor_gives_its_full_inverse() -> None:
     """Products of inertia: every element of B within 2 % of the largest."""
     tensor = np.array([[0.010, 0.001, -0.0015], [0.001, 0.012, 0.0008], [-0.0015, 0.0008, 0.020]])
@@ -128,6 +129,7 @@ def test_an_axis_at_rest_is_not_identifiable() -> None:
     assert not parameter(model, "B33").identifiable
 
 
+@pytest.mark.thorough
 def test_torque_unrelated_to_the_motion_gives_no_identifiable_gain() -> None:
     """Noise against noise."""
     rng = np.random.default_rng(1)
@@ -172,6 +174,7 @@ def test_the_published_windows_are_consecutive_samples(found: Identification) ->
     np.testing.assert_allclose(np.diff(windows.time_s), 0.0025, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_wider_windows_tame_the_condition_number(moved: FlightData, found: Identification) -> None:
     """Half a second (--window 200) instead of 15 ms: the medians differ by orders of magnitude."""
     plain = next(m for m in found.models if m.structure == "quadrotor-6").windows
@@ -208,6 +211,7 @@ def test_the_truth_may_have_no_lag_at_all() -> None:
     assert model.B[1, 1] == pytest.approx(truth.B[1, 1], rel=0.01)
 
 
+@pytest.mark.thorough
 def test_products_that_no_rigid_body_explains_are_not_claimed() -> None:
     """A force that happens to go with q r: the coefficients' sum and product do not cancel."""
     data = fly(QUAD, multisine(40.0), feedback=8.0)

@@ -152,6 +152,7 @@ def roll_doublets(time_s: FloatArray, rng: np.random.Generator) -> Any:
     return dataclasses.replace(both, rate_rad_s=both.rate_rad_s * [1.0, 0.0, 0.0])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("manoeuvre", "seed", "gust_rad_s2"), [(sweep, 3, 0.0), thorough(roll_doublets, 1, 0.15)]
 )

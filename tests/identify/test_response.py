@@ -229,6 +229,7 @@ def error_of(model: Model) -> np.ndarray:
     return np.diag(model.B) / np.diag(QUAD.B) - 1.0
 
 
+@pytest.mark.thorough
 def test_slow_gusts_raise_the_lower_edge_of_the_band(model: Model) -> None:
     """To where the manoeuvre is."""
     assert model.band is not None
@@ -240,6 +241,7 @@ def test_the_gain_of_a_flight_in_slow_gusts_is_right_above_them(model: Model) ->
     assert np.abs(error_of(model)).max() < 0.04
 
 
+@pytest.mark.thorough
 def test_the_default_band_would_be_far_off_in_slow_gusts(gusty: FlightData) -> None:
     """A band that the user fixes stays: the gain is a fifth low, at a held-out R2 of 0.9."""
     model = identify(gusty, IdentifySettings(smoothing_hz=5.0), (DAMPED,)).models[0]
@@ -283,6 +285,7 @@ def bending() -> FlightData:
     return bent(fly(QUAD, sweep(40.0, 10.0), feedback=8.0), 5.0, 0.1)
 
 
+@pytest.mark.thorough
 def test_a_mode_of_the_frame_lowers_the_upper_edge_and_the_error(bending: FlightData) -> None:
     """From 3.1 and 4.7 % on roll and pitch to under half of it."""
     free = identify(bending, IdentifySettings(), (DAMPED,)).models[0]
@@ -292,6 +295,7 @@ def test_a_mode_of_the_frame_lowers_the_upper_edge_and_the_error(bending: Flight
     assert (np.abs(error_of(free))[:2] < 0.5 * np.abs(error_of(fixed))[:2]).all()
 
 
+@pytest.mark.thorough
 def test_the_band_that_is_set_by_hand_is_the_one_that_is_fitted(gusty: FlightData) -> None:
     """Whatever the response says."""
     settings = in_band((0.5, 6.0), IdentifySettings())

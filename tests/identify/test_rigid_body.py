@@ -57,6 +57,7 @@ def test_the_body_is_consistent_with_itself(askew: Identification) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_gains_per_command_leave_the_inertia_to_the_gyroscopic_terms() -> None:
     """With another unit on each axis B is not symmetric, and A still that of the body."""
     flight = fly(ASKEW, multisine(40.0), feedback=8.0)
@@ -96,6 +97,7 @@ def test_a_vehicle_that_is_no_rigid_body_is_not_called_one() -> None:
     assert not body(found).recommended
 
 
+@pytest.mark.thorough
 def test_cross_talk_of_the_gyro_is_not_taken_for_products_of_inertia() -> None:
     """A gyro whose axes show some half per cent of each other: the truth stays within the intervals."""
     flight = fly(QUAD, multisine(40.0), feedback=8.0)

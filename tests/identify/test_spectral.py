@@ -125,6 +125,7 @@ def flown() -> list[tuple[SpectralFit, ...]]:
     return [fit_by_spectra(_fly(seed)) for seed in range(12)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", range(3))
 def test_intervals_hold_the_truth_in_rough_air(flown: list[tuple[SpectralFit, ...]], axis: int) -> None:
     """In eleven of twelve flights or more; 95 % are promised."""
@@ -132,6 +133,7 @@ def test_intervals_hold_the_truth_in_rough_air(flown: list[tuple[SpectralFit, ..
     assert sum(inside) >= 11
 
 
+@pytest.mark.thorough
 def test_roll_and_pitch_are_told_within_a_fifth(flown: list[tuple[SpectralFit, ...]]) -> None:
     """Of air that accelerates the vehicle by 1.5 rad/s^2 rms."""
     assert all(fits[axis].is_sound for fits in flown for axis in (0, 1))
@@ -144,6 +146,7 @@ def test_in_calm_air_the_effectiveness_is_exact(seed: int) -> None:
     np.testing.assert_allclose([each.gain for each in fits], GAIN, rtol=0.004)
 
 
+@pytest.mark.thorough
 def test_lag_and_damping_are_those_of_the_vehicle(flown: list[tuple[SpectralFit, ...]]) -> None:
     """Their medians over the flights; lag and a delay of two steps are hardly told apart."""
     lags = [fits[0].mean[2] + fits[0].mean[3] for fits in flown]

@@ -206,8 +206,8 @@ def test_what_a_flight_leaves_open_widens_the_interval() -> None:
 @pytest.mark.parametrize(
     ("loss", "names"),
     [
-        (_dead, {"threshold", "rotor threshold"}),
-        (_dead_rotors, {"threshold", "rotor threshold"}),
+        thorough(_dead, {"threshold", "rotor threshold"}),
+        thorough(_dead_rotors, {"threshold", "rotor threshold"}),
         (_limited, {"limit"}),
     ],
     ids=["dead zone", "dead zone of rotors", "limit"],
@@ -248,6 +248,7 @@ def test_a_moment_of_the_speed_leaves_the_effectiveness_where_it_is(per_speed: f
     assert all(fits[axis].is_sound and _holds(fits[axis], axis) for axis in (0, 1))
 
 
+@pytest.mark.thorough
 def test_where_no_moment_of_the_speed_is_seen_low_frequencies_count() -> None:
     """They tell the effectiveness to a tenth of what it is with such a moment, or less."""
     calm, pitched_up = (_fits(2, gusts=0.2, per_speed=each)[0] for each in (0.0, 9.0))
@@ -263,6 +264,7 @@ def test_a_fit_in_time_is_told_of_moments_that_it_knows_nothing_of() -> None:
     assert wider / 3.0 < pitched_up.by_effects < 2.0 * wider
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, thorough(1)])
 def test_rotors_that_slow_down_late_are_taken_for_that(seed: int) -> None:
     """Three times as slowly as they speed up: no dead zone explains it, and the truth is inside."""
@@ -308,6 +310,7 @@ def test_an_effectiveness_that_comes_and_goes_is_taken_out(period_s: float) -> N
     assert fits[0].variation == pytest.approx(np.std(worth) / worth.mean(), abs=0.05)
 
 
+@pytest.mark.thorough
 def test_an_effectiveness_that_goes_with_the_throttle_is_taken_out() -> None:
     """As of a thrust curve that nobody straightened."""
     throttle = 0.4 + 0.1 * np.repeat(np.random.default_rng(4).uniform(-1.0, 1.0, 80), 150)
@@ -349,6 +352,7 @@ def test_a_dead_zone_of_all_commands_is_told_by_all_axes_together() -> None:
     assert all(_holds(fits[axis], axis) for axis in range(3))
 
 
+@pytest.mark.thorough
 def test_steps_that_were_cut_toward_zero_are_put_back() -> None:
     """What was logged lacks half a step, as seen in the effectiveness of the commands that were cut."""
     data, step = _flown(0, gusts=0.2), 0.012
@@ -374,6 +378,7 @@ def test_steps_that_were_rounded_are_left_as_they_are() -> None:
     assert all(_holds(fits[axis], axis) for axis in range(2))
 
 
+@pytest.mark.thorough
 def test_small_dead_zones_are_likelier_than_large_ones() -> None:
     """The same flight, per unit of other commands, is as open to one that is smaller in proportion."""
     data = _fly(8, gusts=3.0)
@@ -423,6 +428,7 @@ def _with_curve(data: FlightData) -> FlightData:
     )
 
 
+@pytest.mark.thorough
 def test_another_thrust_curve_is_taken_for_that() -> None:
     """Not for a dead zone of the rotors, with which the effectiveness would be another one."""
     fits = fit_by_spectra(_with_curve(_fly(7, _bent, gusts=0.2)))
@@ -462,6 +468,7 @@ def test_what_slow_air_hides_says_nothing_about_the_response() -> None:
     assert all(fits.fits[axis].is_sound and _holds(fits.fits[axis], axis) for axis in (0, 1))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_the_moments_of_an_effect_tell_its_size_and_no_lag(axis: int) -> None:
     """Beside an effect of unknown size lag and effectiveness are known no better than beside a known one."""

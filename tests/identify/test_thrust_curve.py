@@ -68,6 +68,7 @@ def test_the_propellers_expo_is_found_and_lies_in_its_interval() -> None:
     assert known.ci95[0] <= PROPELLERS <= known.ci95[1]
 
 
+@pytest.mark.thorough
 def test_it_is_found_in_rough_air_as_well() -> None:
     """Squares of thrust follow from no set-point linearly, and air makes none."""
     rough = curve(found("rough-air"))
@@ -123,6 +124,7 @@ def test_effectiveness_per_command_changes_with_thrust_as_the_two_curves_say() -
     np.testing.assert_allclose(known.effectiveness, expected, atol=0.01)
 
 
+@pytest.mark.thorough
 def test_a_flight_that_cannot_tell_says_so_and_keeps_what_was_assumed() -> None:
     """One axis moved gently: the interval holds what propellers have."""
     known = curve(found("single-axis", VEHICLE))
@@ -156,6 +158,7 @@ def test_a_hover_tells_nothing_of_the_thrust_curve() -> None:
     assert "move too little" in known.reason
 
 
+@pytest.mark.thorough
 def test_inertia_follows_from_the_take_off_mass_whatever_the_firmware_believes() -> None:
     """The slope of the curve at hover over the weight: 20 % wrong with the firmware's expo."""
     inertia = model(found(vehicle=VEHICLE)).inertia

@@ -162,9 +162,9 @@ def computed_from_rates(log: FlightLog) -> FlightLog:
         ("bin", "ardupilot", 50.0),
         thorough("bin", "ardupilot", 400.0),
         thorough("ulg", "px4", 100.0),
-        ("ulg", "px4", 400.0),
+        thorough("ulg", "px4", 400.0),
         thorough("bbl", "betaflight", 100.0),
-        ("bbl", "betaflight", 400.0),
+        thorough("bbl", "betaflight", 400.0),
     ],
 )
 def test_in_every_format_roll_or_pitch_show_it(

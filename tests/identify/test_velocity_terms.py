@@ -97,6 +97,7 @@ def test_thrust_times_speed_is_told_from_speed() -> None:
     assert low > 0.0
 
 
+@pytest.mark.thorough
 def test_a_flight_without_a_velocity_is_not_fitted_with_its_terms() -> None:
     """The structures of the package are."""
     flight = flown()

@@ -142,6 +142,7 @@ def slow() -> Simulation:
     return simulate("pilot-sticks", seed=1, duration_s=60.0, rate_hz=10.0)
 
 
+@pytest.mark.thorough
 def test_yaw_of_a_slow_log_is_known_to_its_interval(slow: Simulation) -> None:
     """20 samples a second with set-points: roll and pitch are nothing, yaw is within 5 %."""
     found = identify(cut(prepare(slow.log), AlignSettings()), IdentifySettings(), ACTUATED)

@@ -314,6 +314,7 @@ FINER = """(async () => {
 })()"""
 
 
+@pytest.mark.thorough
 def test_a_zoomed_chart_shows_more_of_the_log_and_says_how_much(
     browser: chromium.Browser, long_drawn: None
 ) -> None:
@@ -342,6 +343,7 @@ THINNED = """(() => {
 })()"""
 
 
+@pytest.mark.thorough
 def test_paper_shows_fewer_points_and_no_lower_peak(browser: chromium.Browser, long_drawn: None) -> None:
     """Each block of points keeps its lowest and its highest value."""
     browser.run("window.whole = false")

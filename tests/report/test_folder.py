@@ -36,6 +36,7 @@ def pictures_of(result: Result, folder: Path, png: PngChoice, monkeypatch: pytes
     return {path.stem for path in folder.glob("*.png")}
 
 
+@pytest.mark.thorough
 def test_all_pictures_are_every_figure_of_the_report(
     usable: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,6 +17,7 @@ from tests.serve.running import Running
 
 pytestmark = [
     pytest.mark.browser,
+    pytest.mark.thorough,
     pytest.mark.skipif(chromium.PATH is None, reason="no Chromium on this machine"),
 ]
 

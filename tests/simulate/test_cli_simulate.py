@@ -38,6 +38,7 @@ def test_a_written_flight_reads_back(tmp_path, suffix):
     np.testing.assert_allclose(rms, truth["excitation"]["rms_rate_rad_s"], rtol=0.05)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("flown_each_time")
 def test_the_same_seed_writes_the_same_bytes(tmp_path):
     """Two runs, one file."""
@@ -80,6 +81,7 @@ def test_wrong_usage_is_refused_and_writes_nothing(tmp_path, arguments, error):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.thorough
 def test_paper_prints_its_page_and_writes_it(tmp_path, capsys):
     """Page, table of windows and three figures; a second run needs --force."""
     assert paper(tmp_path / "page") == 0

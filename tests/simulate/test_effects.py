@@ -78,6 +78,7 @@ def test_disturbances_have_the_stated_size_between_0_3_and_5_hz():
     np.testing.assert_allclose(band_rms(acceleration, 0.3, 5.0), [1.3, 1.0, 0.4], rtol=0.03)
 
 
+@pytest.mark.thorough
 def test_slow_disturbances_are_the_largest():
     """By the power 0.4 of the frequency; from some tens of hertz faster, without an edge."""
     torque = disturbance(ALL, np.eye(3), 400_000, PERIOD_S, np.random.default_rng(1))
@@ -89,6 +90,7 @@ def test_slow_disturbances_are_the_largest():
     assert (np.abs(np.diff(steps)) < 1.0).all()
 
 
+@pytest.mark.thorough
 def test_disturbances_turn_the_vehicle_beside_its_torque():
     """What the recorded torque leaves of the recorded rate is the disturbance."""
     frame = dataclasses.replace(quad_x(), drag_n_s_m=0.0, drag_area_m2=0.0)
@@ -245,6 +247,7 @@ def test_the_gyro_sees_the_body_s_rate_and_a_part_of_the_mode_s(frequency_hz, ga
     np.testing.assert_allclose((seen @ [1.0, 1j])[-1] / wave[-1], expected, rtol=5e-3)
 
 
+@pytest.mark.thorough
 def test_late_torque_is_that_of_so_much_earlier():
     """The rates of the same message are not late."""
     setup = setup_of("sysid-quad-x", rate_hz=400.0)
@@ -291,6 +294,7 @@ def test_every_field_belongs_to_one_effect():
     assert sorted(listed) == sorted(field.name for field in dataclasses.fields(Effects))
 
 
+@pytest.mark.thorough
 def test_a_batch_with_effects_flies_what_its_members_fly_alone():
     """One flight has all effects, and one has none."""
     fine = dataclasses.replace(SILENT, gyro_resolution_rad_s=1e-9)

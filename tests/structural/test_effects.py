@@ -89,7 +89,7 @@ def holds_the_truth(result: Result, flight: Flight, axis: str) -> bool:
 
 
 @pytest.mark.parametrize("setpoints", [True, False])
-@pytest.mark.parametrize("name", ["clean", "clean doublets"])
+@pytest.mark.parametrize("name", ["clean", thorough("clean doublets")])
 def test_a_clean_flight_is_usable_and_its_interval_narrow(name: str, setpoints: bool) -> None:
     """The checks must not cry wolf, nor widen what they do not see."""
     flight = flown()[name]
@@ -106,11 +106,11 @@ def test_a_clean_flight_is_usable_and_its_interval_narrow(name: str, setpoints: 
     [
         ("dead zone", "roll", "QL523"),
         ("limit", "pitch", "QL524"),
-        ("mode", "roll", "QL525"),
+        thorough("mode", "roll", "QL525"),
         ("tilt", "roll", "QL526"),
         thorough("pendulum", "pitch", "QL526"),
         thorough("alternating", "roll", "QL528"),
-        ("tone", "pitch", "QL420"),
+        thorough("tone", "pitch", "QL420"),
     ],
 )
 @pytest.mark.parametrize("setpoints", [True, thorough(False)])
@@ -119,6 +119,7 @@ def test_an_effect_that_no_rigid_body_has_is_named(name: str, axis: str, code: s
     assert code in codes(as_flown(name, setpoints=setpoints), axis)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_a_limit_that_only_rare_peaks_reach_is_seen(axis: str) -> None:
     """A fiftieth of all samples reaches it: 7 and 19 % off, and roll was called usable."""
@@ -158,6 +159,7 @@ def test_a_torque_stamped_late_is_named() -> None:
     assert "QL522" in codes(analyzed(flown()["clean"].late(0.04).log()), "roll")
 
 
+@pytest.mark.thorough
 def test_of_a_torque_stamped_a_little_late_the_interval_holds_the_truth() -> None:
     """Within a sample no stamp is early or late, but the effectiveness moves."""
     flight = flown()["clean"]
@@ -184,6 +186,7 @@ def test_a_torque_computed_from_the_rates_is_refused() -> None:
     assert "QL520" in codes(result, "yaw")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("steps", [4, thorough(20)])
 def test_of_commands_cut_toward_zero_the_interval_holds_the_truth(steps: int) -> None:
     """A cast to whole numbers made the effectiveness 2 to 25 % too high, without a word."""
@@ -195,6 +198,7 @@ def test_of_commands_cut_toward_zero_the_interval_holds_the_truth(steps: int) ->
         assert holds_the_truth(result, flight, axis)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["clean", thorough("clean doublets")])
 def test_rates_in_degrees_are_refused_without_attitude_too(name: str) -> None:
     """Every effectiveness would be 57 times too large."""
@@ -204,6 +208,7 @@ def test_rates_in_degrees_are_refused_without_attitude_too(name: str) -> None:
     assert result.diagnosis.axes["roll"].verdict == "refused"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("throttle", [thorough(0.3), 0.45, thorough(0.5)])
 def test_a_constant_throttle_spoils_no_yaw(throttle: float) -> None:
     """Its deviation from its mean is rounding, and rounding times yaw torque is yaw torque."""
@@ -214,6 +219,7 @@ def test_a_constant_throttle_spoils_no_yaw(throttle: float) -> None:
     assert holds_the_truth(result, flight, "yaw")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", AXES)
 def test_in_gusts_without_setpoints_the_interval_holds_the_truth(axis: str) -> None:
     """The controller answers the gusts, which makes the effectiveness low."""

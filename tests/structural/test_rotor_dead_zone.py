@@ -43,6 +43,7 @@ def of_rotors(axis: int, **values: float) -> EffectCheck:
     return EffectCheck(axis=axis, effect="rotor threshold", **given)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("autopilot", ["ardupilot", thorough("px4")])
 def test_the_interval_holds_what_rotors_that_ignore_small_commands_hide(axis: str, autopilot: str) -> None:
@@ -59,6 +60,7 @@ def test_the_interval_holds_what_rotors_that_ignore_small_commands_hide(axis: st
     assert any(axis in each.axes for each in named)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("autopilot", ["ardupilot", thorough("px4")])
 def test_the_level_is_that_of_the_rotors(autopilot: str) -> None:
     """Within the steps of the levels that are tried; a command of one is the full thrust of a rotor."""
@@ -123,6 +125,7 @@ def test_what_chance_makes_of_rotors_widens_nothing() -> None:
     assert high[YAW] == 1.0
 
 
+@pytest.mark.thorough
 def test_two_effects_that_come_together_move_the_effectiveness_further_than_either() -> None:
     """A dead zone of each axis beside that of the rotors: 5 % low, and either alone explains half of that."""
     effects = Effects(dead_zone=0.003, rotor_dead_zone=0.006)

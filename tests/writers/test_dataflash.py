@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.data.log import FlightLog, ModeChange, Rows, Signal
+from tests.marks import thorough
 
 from .conftest import START_S, flight, px4_flight, series, twice
 
@@ -227,7 +228,7 @@ def test_a_px4_flight_is_a_valid_dataflash_log_too(written: Write) -> None:
     assert found["MSG"][0].Message.startswith("ArduCopter V4")
 
 
-@pytest.mark.parametrize("make", [flight, px4_flight])
+@pytest.mark.parametrize("make", [flight, thorough(px4_flight)])
 def test_mavlogdump_has_no_complaint(written: Write, make: Callable[[], FlightLog]) -> None:
     """The tool prints every message and nothing on stderr."""
     path = written(make(), "a.bin")
