@@ -1,68 +1,61 @@
-"""Whether filters are worth changing: the next flight with them, against that with gains alone."""
+"""Whether filters are worth changing: where flights with them end, and what the next one bears."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
+from quadid_logs.control.filter_design import SAME, WORTH
 from quadid_logs.data.tuning import AxisTuning
 from quadid_logs.diagnose.findings import finding
 
-#: The part of gust error or noise that no flight would show, as of `_NO_DIFFERENCE` in the search.
-_NOT_SHOWN: Final = 0.05
-
 
 class Refiltered(NamedTuple):
-    """The next flight of an axis with filters and gains, and what of gusts these leave in the end.
+    """The next flight of an axis with filters and gains, and what these bring in the end.
 
-    ``in_the_end`` is the gust error at the target of gains and filters, over that at the target of gains
-    alone, each raised by what is missing there of the limits.
+    ``in_the_end`` is the logarithm of gust error, and heat, at the target of gains and filters, less that
+    behind the flown filters.
     """
 
     tuning: AxisTuning
     in_the_end: float
 
 
-def is_no_worse(filtered: AxisTuning, alone: AxisTuning, in_the_end: float = 1.0) -> bool:
-    """Tell whether an axis has no more gust error than with gains alone; what nobody can tell counts as more.
+def is_no_worse(filtered: Refiltered, alone: AxisTuning) -> bool:
+    """Tell whether an axis loses nothing in the end, and the next flight is no step back.
 
-    Filters that are changed take some of what a controller may change in one flight, and gains get the rest.
-    So the next flight may lose what no flight would show, if flights gain as much in the end.
+    Filters that change take some of what a controller may change in one flight, so the next flight is held
+    against the flown one, and not against gains alone. What nobody can tell counts as more gust error.
 
     Parameters
     ----------
-    filtered, alone : AxisTuning
-        The next flight with filters and gains, and with gains alone, under the same limits.
-    in_the_end : float
-        As of `Refiltered`; what is lost in the end, no flight before makes up for.
+    filtered : Refiltered
+        With filters and gains.
+    alone : AxisTuning
+        The next flight with gains alone, under the same limits, which may have more gust error than flew.
 
     Returns
     -------
     bool
     """
-    lost = filtered.attitude_error / _gust_error(alone)
-    return lost <= 1.0 or (lost <= 1.0 + _NOT_SHOWN and lost * in_the_end <= 1.0)
+    # An axis that is refused stays as it flew.
+    most = 1.0 if alone.verdict == "refused" else max(1.0, alone.attitude_error)
+    return filtered.in_the_end <= SAME and filtered.tuning.attitude_error <= most
 
 
-def is_worth_it(filtered: Mapping[str, AxisTuning], alone: Mapping[str, AxisTuning]) -> bool:
-    """Tell whether filters that change together leave one axis a twentieth less gust error or noise.
+def are_worth_it(together: Iterable[Refiltered]) -> bool:
+    """Tell whether filters that change together bring as much in the end as a change of gains is to bring.
 
     Parameters
     ----------
-    filtered, alone : mapping of str to AxisTuning
-        By axis, as for `is_no_worse`.
+    together : iterable of Refiltered
 
     Returns
     -------
     bool
     """
-    most = 1.0 - _NOT_SHOWN
-    return any(
-        new.attitude_error <= most * _gust_error(alone[axis])
-        or new.torque_noise_next <= most * alone[axis].torque_noise_next
-        for axis, new in filtered.items()
-    )
+    return sum(one.in_the_end for one in together) <= -WORTH
 
 
 def with_flown_filters(axis: str, alone: AxisTuning) -> AxisTuning:
@@ -81,8 +74,3 @@ def with_flown_filters(axis: str, alone: AxisTuning) -> AxisTuning:
     if alone.verdict == "refused":
         return alone
     return replace(alone, reasons=(*alone.reasons, finding("QL674", "info", {}, axes=(axis,))))
-
-
-def _gust_error(alone: AxisTuning) -> float:
-    """Return that of the next flight over the flown one; an axis that is refused stays as it flew."""
-    return 1.0 if alone.verdict == "refused" else alone.attitude_error

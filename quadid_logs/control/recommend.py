@@ -16,15 +16,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.filter_design import Changes, design_filters, most_noise
+from quadid_logs.control.filter_design import SAME, Changes, design_filters, most_noise
 from quadid_logs.control.filter_findings import filter_findings
-from quadid_logs.control.filter_guard import Refiltered, is_no_worse, is_worth_it, with_flown_filters
+from quadid_logs.control.filter_guard import Refiltered, are_worth_it, is_no_worse, with_flown_filters
 from quadid_logs.control.guard import Case, obstacles
 from quadid_logs.control.loop import rate_loop
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.off_nominal import N_PLANTS, OffNominal
 from quadid_logs.control.scaled_loop import HeldLoops, Kept, ScaledLoops, scaled_loops, spare
 from quadid_logs.control.separate_gains import (
+    Alone,
     Disturbed,
     Rebuild,
     SeparateGains,
@@ -149,26 +150,22 @@ def tune_axes(
     dict of str to AxisTuning
     """
     searches = {axis: _searched(one, limits, apart=apart) for axis, one in axes.items()}
-    tuned = {
-        axis: AxisTuning(
-            verdict="refused",
-            reasons=tuple(obstacles(one.case)),
-            now=None if one.case.found is None else one.case.found.margins,
-        )
-        if (search := searches[axis]) is None
-        else _decided(*search, apart=apart)
-        for axis, one in axes.items()
-    }
+    tuned: dict[str, AxisTuning] = {}
+    known: dict[str, _Search] = {}
+    for axis, one in axes.items():
+        if (search := searches[axis]) is None:
+            now = None if one.case.found is None else one.case.found.margins
+            tuned[axis] = AxisTuning(verdict="refused", reasons=tuple(obstacles(one.case)), now=now)
+        else:
+            tuned[axis], known[axis] = _decided(*search, apart=apart)
     if filters is not None and apart:
-        known = {axis: both[0] for axis, both in searches.items() if both is not None}
         changed: dict[str, AxisTuning] = {}
         if known:
             parameters = next(iter(known.values())).parameters
-            settings = design_filters(
+            setting = design_filters(
                 known, filters.choices, parameters, filters.still_hz, shared=set(known) == set(AXES)
             )
-            steps = (_filter_steps(known, tuned, found) for found in settings)
-            changed = next((step for step in steps if step), {})
+            changed = {} if setting is None else _filter_steps(known, tuned, setting)
         tuned = {axis: changed.get(axis) or with_flown_filters(axis, one) for axis, one in tuned.items()}
     tuned = {axis: _with_off_nominal(axes[axis], one, limits) for axis, one in tuned.items()}
     for axis, found in tuned.items():
@@ -244,26 +241,30 @@ def _searched(axis: Axis, limits: Limits, *, apart: bool) -> tuple[_Search, Call
 def _filter_steps(
     searches: Mapping[str, _Search], alone: Mapping[str, AxisTuning], found: Changes
 ) -> dict[str, AxisTuning]:
-    """Return the axes whose next flight is no worse behind some filters, and worth them."""
+    """Return the axes that some filters leave better in the end, by a next flight that bears them."""
     known = {}
     for axis, search in searches.items():
         # Behind its own filters and those of all, or behind the latter only.
-        for chosen in (found, found.without_own(axis)) if axis in found.own else (found,):
-            changes = chosen.of(axis, search.parameters)
-            refiltered = search.with_filters(changes, chosen) if changes else None
-            if refiltered is not None and is_no_worse(refiltered.tuning, alone[axis], refiltered.in_the_end):
-                known[axis] = refiltered.tuning
-                break
+        both = (found, found.without_own(axis)) if axis in found.own else (found,)
+        every = [search.with_filters(one) for one in both]
+        good = [one for one in every if one is not None and is_no_worse(one, alone[axis])]
+        if good:
+            known[axis] = min(good, key=lambda one: one.in_the_end)
     # What all axes share changes for all of them, or not at all.
-    if found.shared:
-        return known if len(known) == len(searches) and is_worth_it(known, alone) else {}
-    return {axis: one for axis, one in known.items() if is_worth_it({axis: one}, alone)}
+    if not found.shared:
+        known = {axis: one for axis, one in known.items() if are_worth_it([one])}
+    elif len(known) < len(searches) or not are_worth_it(known.values()):
+        known = {}
+    return {axis: one.tuning for axis, one in known.items()}
 
 
-def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bool) -> AxisTuning:
+def _decided(
+    search: _Search, without_modes: Callable[[], _Search], *, apart: bool
+) -> tuple[AxisTuning, _Search]:
     """Change what the flight supports, and keep what it does not contradict.
 
-    ``without_modes`` searches without the modes of the frame that the log merely cannot rule out.
+    ``without_modes`` searches without the modes of the frame that the log merely cannot rule out. The search
+    is returned with what it required of the gains: behind other filters they are held against that.
     """
     target = search.target()
     separate = search.apart(target) if apart or not target.reached else None
@@ -274,24 +275,25 @@ def _decided(search: _Search, without_modes: Callable[[], _Search], *, apart: bo
         separate = search.apart(target) if apart or not target.reached else None
     # Uncertainty is no reason to reject gusts much worse than what flies, or than what the estimate takes.
     cost = search.cost_of(separate, target) if apart else 0.0
-    if cost > _NEAR_BEST:
-        separate = search.relaxed(cost) or separate
+    if cost > _NEAR_BEST and (relaxed := search.relaxed(cost)) is not None:
+        nearer = relaxed.apart(Found(1.0, reached=False))
+        separate, search = (separate, search) if nearer is None else (nearer, relaxed)
     if separate is not None:
-        return separate
+        return separate, search
     if target.reached and target.factor > _SAME[1]:
-        return search.tuning(target)
+        return search.tuning(target), search
     plain = without_modes()
     if plain is strict:
         plain = search
     elif search is not strict:
         plain = plain.no_less_than_flown() or plain
     if plain.is_kept_as_told():
-        return plain.stay(target, held=plain is not search and not search.is_kept())
+        return plain.stay(target, held=plain is not search and not search.is_kept()), search
     if plain is search:
-        return search.tuning(target)
+        return search.tuning(target), search
     target = plain.target()
     separate = plain.apart(target) if apart or not target.reached else None
-    return plain.tuning(target) if separate is None else separate
+    return plain.tuning(target) if separate is None else separate, search
 
 
 class _Search:
@@ -334,8 +336,8 @@ class _Search:
         held = self._conditions.no_less_than_flown(self._limits)
         return _Search(self._case, held, self._model, self._rebuild, self._limits, apart=self._apart)
 
-    def relaxed(self, cost: float) -> AxisTuning | None:
-        """Return the step towards gains with which drawn vehicles keep as much of the limits as is worth it.
+    def relaxed(self, cost: float) -> _Search | None:
+        """Return the search for gains with which drawn vehicles keep as much of the limits as is worth it.
 
         The estimate keeps the limits. Of the others, in each condition, as much is required as costs no more
         than `_NEAR_BEST` times what flies: from what they flew with, and none close to instability, whatever
@@ -348,7 +350,7 @@ class _Search:
 
         Returns
         -------
-        AxisTuning or None
+        _Search or None
             None where the flown gains keep the limits as estimated, or are close to instability themselves:
             that is no uncertainty. And where the limits are worth what they cost.
         """
@@ -378,7 +380,7 @@ class _Search:
                 high = (part, reached)
                 continue
             best, low = tried, (part, reached)
-        return best.apart(Found(1.0, reached=False))
+        return best
 
     def reached_cost(self, near: tuple[SeparateGains, Mapping[str, float]] | None = None) -> float:
         """Return the cost of the best gains one by one, infinite where none keep what is required.
@@ -424,16 +426,19 @@ class _Search:
         best = self.best()
         if best is None:
             return None
-        return best[0].behind(filters, 1.0 / self._case.data.sample_period_s, self._most_noise)
+        return best[0].behind(filters, 1.0 / self._case.data.sample_period_s, self._alone)
 
     @cached_property
-    def _most_noise(self) -> float:
-        """Noise that gains behind other filters may make, over that as flown; 1 where nothing tells it."""
+    def _alone(self) -> Alone:
+        """What gains alone reach; where none keep the limits, what flies."""
         best = self.best()
-        if best is None or not self.too_noisy > 0.0:
-            return 1.0
+        if best is None:
+            return Alone(1.0, 1.0)
         search, factors = best
-        return most_noise(search.told_of(factors).noise * self.too_noisy) / self.too_noisy
+        found = search.told_of(factors).noise
+        noise = most_noise(found * self.too_noisy) / self.too_noisy if self.too_noisy > 0.0 else 1.0
+        # The search ends at what no flight would show: gains that leave exactly as much are hardly found.
+        return Alone((1.0 + SAME) * (search.gust_error(factors) if search.keeps(factors) else 1.0), noise)
 
     def is_kept(self) -> bool:
         """Tell whether the worst of the vehicles that the next flight allows keeps the limits as flown."""
@@ -627,16 +632,20 @@ class _Search:
             reasons.extend(filter_note(self._case, self._rebuild, self._loops))
         return self._described("change", tuple(reasons), step)
 
-    def with_filters(self, filters: Mapping[str, GainChange], chosen: Changes) -> Refiltered | None:
-        """Return the step towards the best gains behind other filters, None where none keeps the limits."""
+    def with_filters(self, chosen: Changes) -> Refiltered | None:
+        """Return the step towards the best gains behind other filters.
+
+        None where none keeps the limits, or none of the filters is of this axis.
+        """
+        axis = self._case.axis
+        filters = chosen.of(axis, self.parameters)
         search, alone = self.filtered({name: one.next for name, one in filters.items()}), self.best()
-        if search is None or alone is None:
+        if not filters or search is None or alone is None:
             return None
-        target = search.target(1.0)
+        target = search.target_near(chosen.factors[axis])
         step = search.step(target, MOST_UP) if search.keeps(target) else None
         if step is None:
             return None
-        axis = self._case.axis
         new, old = search.told_of(target), alone[0].told_of(alone[1])
         chosen = chosen.told(axis, new, old, self.too_noisy, search.phase_lost_deg())
         reasons = filter_findings(axis, filters, chosen)
@@ -644,7 +653,7 @@ class _Search:
             reasons.append(_found("QL633", self._case, {}))
         described = self._described("change", tuple(reasons), step)
         tuning = replace(described, filters=filters, filter_trials=chosen.trials.get(axis, ()))
-        return Refiltered(tuning, new.value / old.value)
+        return Refiltered(tuning, search.settled(target) - chosen.values[axis])
 
     def _separate(self) -> SeparateGains | None:
         """Return a search for gains one by one; None where there is none, or the mixer holds all gains."""

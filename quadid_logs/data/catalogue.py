@@ -1069,8 +1069,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL674",
                 "The filters stay as they flew",
-                "Other filters are recommended only if they help. No axis may get more gust error than "
-                "with new gains alone, and one axis must get 5 % less gust error or noise. No setting that "
+                "Other filters are recommended only if they help. No axis may end with more gust error or "
+                "noise than with new gains alone, and all axes together must gain a tenth. No setting that "
                 "was tried does that. Or all axes share the filters and one of them has no model. Or a "
                 "notch follows a frequency that the log does not hold.",
                 "Load the gains. Leave the filters as they are.",

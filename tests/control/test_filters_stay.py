@@ -1,50 +1,55 @@
-"""Filters are left as they are where gains alone do better."""
+"""Filters are left as they are where an axis would lose by others."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping
 
 import pytest
 
-from quadid_logs import analyze
 from quadid_logs.control import recommend as recommend_module
-from quadid_logs.control.filter_guard import is_no_worse, with_flown_filters
-from quadid_logs.data.tuning import AxisTuning
-from quadid_logs.simulator import fly
-from quadid_logs.simulator.logger import log_flights
+from quadid_logs.control.filter_design import Changes
+from quadid_logs.control.filter_guard import Refiltered
+from quadid_logs.data.tuning import AxisTuning, GainChange
 from quadid_logs.tuning import recommend
-from quadid_logs.writers import write_log
-from study import filters as study
+from quadid_logs.vocabulary import AXES
+from tests import tuned_flights
+
+#: What the search finds, for all axes and for one.
+SHARED = Changes({"INS_GYRO_FILTER": 30.0}, {}, {}, {}, {}, {})
+OWN = Changes({}, {axis: {"FLTD": 30.0} for axis in AXES}, {}, {}, {}, {})
 
 
-# Half a minute of search over three axes; what decides is held, quickly, in `test_filter_design.py`.
-@pytest.mark.thorough
-def test_filters_stay_where_gains_alone_leave_less_of_gusts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of this vehicle the search's own choice leaves more on one axis at least, whose filters stay."""
-    scenario, setting, _ = study.draw_vehicle(1, 4)
-    record = fly(study._setup(scenario, setting, 1))
-    write_log(log_flights((record,), scenario.logging), tmp_path / "flight.bin")
-    flown = analyze(tmp_path / "flight.bin")
-    held: list[tuple[AxisTuning, AxisTuning]] = []
+def _recommended(
+    monkeypatch: pytest.MonkeyPatch, chosen: Changes, in_the_end: Mapping[str, float]
+) -> Mapping[str, AxisTuning]:
+    """Return what is recommended where filters bring this much in the end, below zero for less gust error."""
 
-    def noted(filtered: AxisTuning, alone: AxisTuning, in_the_end: float) -> bool:
-        held.append((filtered, alone))
-        return is_no_worse(filtered, alone, in_the_end)
+    def alone(search: recommend_module._Search, *_: object, **__: object) -> object:
+        return AxisTuning(verdict="keep", reasons=(), attitude_error=1.0), search
 
-    stayed = {}
+    def behind(search: recommend_module._Search, _: Changes) -> Refiltered:
+        filters = {"FLTD": GainChange(20.0, 30.0, 30.0)}
+        tuning = AxisTuning(verdict="change", reasons=(), attitude_error=0.9, filters=filters)
+        return Refiltered(tuning, in_the_end[search._case.axis])
 
-    def stay(axis: str, alone: AxisTuning) -> AxisTuning:
-        stayed[axis] = alone.gains
-        return with_flown_filters(axis, alone)
+    monkeypatch.setattr(recommend_module, "_decided", alone)
+    monkeypatch.setattr(recommend_module, "design_filters", lambda *_, **__: chosen)
+    monkeypatch.setattr(recommend_module._Search, "with_filters", behind)
+    return recommend(tuned_flights.flown("ardupilot"), filters=True).axes
 
-    monkeypatch.setattr(recommend_module, "is_no_worse", noted)
-    monkeypatch.setattr(recommend_module, "with_flown_filters", stay)
-    found = recommend(flown, filters=True)
-    assert any(searched.attitude_error > alone.attitude_error for searched, alone in held)
-    assert stayed
-    for axis, gains in stayed.items():
-        assert found.axes[axis].filters == {}
-        assert found.axes[axis].gains == gains
-        assert "QL674" in [reason.code for reason in found.axes[axis].reasons]
+
+def test_filters_of_all_axes_stay_where_one_axis_loses_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = _recommended(monkeypatch, SHARED, {"roll": -0.5, "pitch": -0.5, "yaw": 0.1})
+    for one in found.values():
+        assert not one.filters
+        assert "QL674" in [reason.code for reason in one.reasons]
+
+
+def test_filters_of_all_axes_change_where_one_gains_and_none_loses(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = _recommended(monkeypatch, SHARED, {"roll": -0.5, "pitch": 0.0, "yaw": 0.0})
+    assert all(one.filters for one in found.values())
+
+
+def test_filters_of_one_axis_change_whatever_another_loses(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = _recommended(monkeypatch, OWN, {"roll": -0.5, "pitch": -0.05, "yaw": 0.1})
+    assert [axis for axis, one in found.items() if one.filters] == ["roll"]

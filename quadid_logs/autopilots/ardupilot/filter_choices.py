@@ -63,11 +63,12 @@ def _notches(
     available = [name for name in _SETS if f"{name}_ENABLE" in parameters]
     used = [name for name in available if parameters[f"{name}_ENABLE"] == 1.0]
     placed = notch_sets(parameters, log.followed, log.version)
-    # Of a set whose places nobody knows nothing is said.
+    # Of a set whose places nobody knows nothing is said, and what one that moves takes away is in no log.
     idle = [
         name
         for name in used
         if name in placed
+        and parameters.get(f"{name}_MODE", _FIXED) == _FIXED
         and not any(
             is_on(one, line_hz) for notches in placed[name] for one in notches for line_hz in lines.all_hz
         )
@@ -110,12 +111,13 @@ def _wanted(
     """Yield the notches that the lines ask for, those of the rotors first."""
     rotors_hz = log.followed.get(ROTORS)
     hover = parameters.get("MOT_THST_HOVER", 0.0)
-    if lines.harmonics and rotors_hz is not None:
+    if rotors_hz is not None:
         mean_hz = rotors_hz.mean(axis=1)
         lowest_hz = (
             _BELOW * float(np.quantile(mean_hz[mean_hz > 0.0], _SLOWEST)) if (mean_hz > 0.0).any() else 0.0
         )
-        mask = sum(1 << (harmonic - 1) for harmonic in lines.harmonics)
+        # Where rotors change their speed much, their line is none: the search tells what a notch is worth.
+        mask = sum(1 << (harmonic - 1) for harmonic in lines.harmonics or (1,))
         yield from _setting(lowest_hz, _WIDTH_MOVING, _ESC, 1.0, mask)
     elif lines.by_throttle_hz and 0.0 < hover < 1.0:
         yield from _setting(min(lines.by_throttle_hz), _WIDTH_MOVING, _THROTTLE, hover, 1)

@@ -52,14 +52,9 @@ def _notches(
     free = [name for name in _STANDING if f"{name}_FRQ" in parameters and not on_line.get(name)]
     rotors: dict[str, float] = {}
     enabled = whole_number(parameters.get("IMU_GYRO_DNF_EN"))
-    if (
-        lines.harmonics
-        and ROTORS in log.followed
-        and "IMU_GYRO_DNF_EN" in parameters
-        and not enabled & _BY_ROTORS
-    ):
+    if ROTORS in log.followed and "IMU_GYRO_DNF_EN" in parameters and not enabled & _BY_ROTORS:
         rotors["IMU_GYRO_DNF_EN"] = float(enabled | _BY_ROTORS)
-        rotors["IMU_GYRO_DNF_HMC"] = float(min(max(lines.harmonics), _MOST_HARMONICS))
+        rotors["IMU_GYRO_DNF_HMC"] = float(min(max(lines.harmonics, default=1), _MOST_HARMONICS))
     # Where there are more lines than notches, the search tells which of them are worth one.
     for some in combinations(missing, min(len(free), len(missing))):
         on = dict(rotors)
