@@ -16,6 +16,7 @@ from quadid_logs.maths.rotations import tilt_from_rates
 from quadid_logs.numerals import number
 from quadid_logs.vocabulary import AXES, GRAVITY_M_S2
 
+#: Fewer samples show no course.
 _FEWEST: Final = 10
 #: What gyros measure on flight controllers, as firmware sets them (sources: docs/health.md) [deg/s].
 _GYRO_DEG_S: Final = 2000.0
@@ -23,8 +24,6 @@ _GYRO_DEG_S: Final = 2000.0
 _SAME_RANGE: Final = 0.02
 #: Autopilots' detectors of a failure act beyond, by default (source: docs/health.md) [deg].
 _FAILING_TILT_DEG: Final = 60.0
-#: Shorter ones leave no time to turn over.
-_SHORTEST_HOP_S: Final = 0.2
 #: Hover throttle is usually in this range (source: docs/health.md); a published analyzer of logs calls a
 #: vehicle underpowered that does not climb above the third.
 _HOVER: Final = (0.2, 0.6)
@@ -141,14 +140,15 @@ def find_tumble(rate: CleanSeries, hops: Sequence[Interval]) -> Course | None:
     Course or None
         None where it was hardly logged.
     """
-    found, period_s = records([rate], hops, shortest_s=_SHORTEST_HOP_S)
+    # However short: a small quad reaches 1000 rad/s^2, and leans by 60 degrees in 0.05 s.
+    found, period_s = records([rate], hops, shortest_s=_FEWEST * rate.period_s)
     if not found:
         return None
     angles = [tilt_from_rates(one.values, period_s, math.inf) for one in found]
     record = _tilt_deg(np.concatenate([one.time_s for one in found]), np.concatenate(angles))
     most, hop_s = float(record.values.max()), sum(end_s - start_s for start_s, end_s in hops)
-    told = f"In the {number(hop_s, 2)} s that may have been in the air the vehicle tilted by up to "
-    told += f"{number(most, 2)} deg by its gyro, "
+    told = f"The vehicle may have been in the air for {number(hop_s, 2)} s. By its gyro it tilted by up to "
+    told += f"{number(most, 2)} deg, "
     if most <= _FAILING_TILT_DEG:
         told += f"which is normal (below {_FAILING_TILT_DEG:.0f})."
     else:

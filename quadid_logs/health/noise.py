@@ -48,6 +48,11 @@ _MOST_X, _MOST_Y, _MOST_LEVELS = 140, 120, 20
 _FEWEST_AT_LEVEL: Final = 3
 #: A low-pass of second order lets pass a quarter at twice its cut-off.
 _CUT_OFFS: Final = 2.0
+#: Gyros of flight controllers end by a low-pass of their own: 256 Hz (MPU-6000), 532 Hz (BMI088), 258 or
+#: 536 Hz (ICM-42688-P, as firmware sets it), by their data sheets [Hz].
+_SENSOR_HZ: Final = 536.0
+#: A line is as wide as a third of an octave where rotor speeds change.
+_OCTAVE_PARTS: Final = 3
 #: Samples of a window that tell its median.
 _MOST_PER_WINDOW: Final = 400
 #: Samples of a gyro that may come in batches, which are shorter than the windows of a spectrum.
@@ -133,7 +138,8 @@ def find_noise(
     held = sum(line.rms**2 for found in lines.values() for line in found if line.frequency_hz > COMMANDED_HZ)
     in_lines = min(held / power, 1.0) if power > 0.0 else 0.0
     return Noise(
-        sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any()), in_lines),
+        sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any()), in_lines)
+        + _strongest(shown, main),
         judged=bool(searched.any())
         and in_lines <= 0.5
         and (any(lines.values()) or float(main.frequency_hz[-1]) >= _ROTOR_HZ),
@@ -170,8 +176,33 @@ def is_commanded(spectra: Periodograms, setpoint: CleanSeries, intervals: Sequen
 
 def may_be_folded(series: CleanSeries) -> bool:
     """Tell whether vibration above half the log's rate can stand below it: no filter known to end it."""
-    cutoff_hz = series.gyro_filter.low_pass_hz
+    cutoff_hz = np.fmin(series.gyro_filter.low_pass_hz, _SENSOR_HZ)
     return not 0.5 * series.rate_hz > _CUT_OFFS * cutoff_hz
+
+
+def _strongest(shown: Mapping[str, Periodograms], searched: Periodograms) -> str:
+    """Say how much the axis vibrates that does so most, and where; "" where the log shows too little."""
+    if searched.frequency_hz[-1] < _ROTOR_HZ:
+        return ""
+    fast = searched.frequency_hz > COMMANDED_HZ
+    frequency_hz, density = searched.frequency_hz[fast], searched.mean[fast]
+    if not density.any():
+        return ""
+    column = int(np.argmax(density.sum(axis=0)))
+    band = np.floor(_OCTAVE_PARTS * np.log2(frequency_hz / COMMANDED_HZ)).astype(np.intp)
+    power = density[:, column]
+    loudest = band == int(np.argmax(np.bincount(band, weights=power)))
+    # Where the middle of that band's power is.
+    middle_hz = float(np.average(frequency_hz[loudest], weights=power[loudest]))
+    sizes = []
+    for name in ("before", "after"):
+        if name in shown:
+            one = shown[name]
+            total = float(one.mean[one.frequency_hz > COMMANDED_HZ, column].sum() * one.frequency_hz[1])
+            where = "after them" if sizes else f"{name} the filters"
+            sizes.append(f"{number(float(np.degrees(np.sqrt(total))), 2)} deg/s rms {where}")
+    told = f"{AXES[column].capitalize()} vibrates most above {COMMANDED_HZ:.0f} Hz: {' and '.join(sizes)}, "
+    return f" {told}most of it around {number(middle_hz, 2)} Hz."
 
 
 def _spectra(series: CleanSeries, intervals: Sequence[Interval]) -> Periodograms | None:

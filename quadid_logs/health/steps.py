@@ -261,10 +261,7 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
         return None
     groups = np.array_split(np.arange(len(xx)), _GROUPS)
     others = np.array(
-        [
-            _step(windows, power - xx[one].sum(axis=0), cross - xy[one].sum(axis=0), trust)
-            for one in groups
-        ]
+        [_step(windows, power - xx[one].sum(axis=0), cross - xy[one].sum(axis=0), trust) for one in groups]
     )
     ahead, behind = _ends(windows)
     middle = windows.n // 2

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quadid_logs.health.course import find_rates, find_throttle, find_thrust, find_tilt, find_torque
+from quadid_logs.health.course import (
+    find_rates,
+    find_throttle,
+    find_thrust,
+    find_tilt,
+    find_torque,
+    find_tumble,
+)
 from tests.health.flights import coloured, grid, series
 
 T = grid(50.0)
@@ -129,3 +136,13 @@ def test_numbers_that_are_none_cost_only_their_own_rows() -> None:
     found = find_rates(series("body_rate", T, rates), FLIGHT)
     assert found is not None
     assert np.isfinite(found.values).all()
+
+
+def test_a_hop_of_a_tenth_of_a_second_is_long_enough_to_turn_over() -> None:
+    """At 1000 rad/s^2, which a small quad's motors give, 60 degrees take 0.05 s."""
+    t = grid(400.0, 30.0)
+    rates = np.zeros((t.size, 3))
+    rates[(t >= 10.0) & (t <= 10.1), 0] = np.radians(900.0)
+    found = find_tumble(series("body_rate", t, rates), ((10.0, 10.1),))
+    assert found is not None
+    assert found.level == "severe"

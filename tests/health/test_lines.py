@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,32 @@ def test_a_line_is_found_within_half_a_hertz(line_hz: float) -> None:
     assert noise.lines["roll"][0].rms == pytest.approx(0.01, rel=0.1)
     assert not noise.lines["pitch"]
     assert not noise.lines["yaw"]
+
+
+def test_the_sentence_says_how_much_and_where_the_gyro_vibrates() -> None:
+    """Rotors at speeds that wander make a hill: a pilot needs to know how large it is, and where."""
+    t = grid(RATE_HZ)
+    rng = np.random.default_rng(5)
+    rates = coloured(7, t.size, RATE_HZ) + 0.0005 * rng.standard_normal((t.size, 3))
+    frequency_hz = np.fft.rfftfreq(t.size, 1.0 / RATE_HZ)
+    around = np.exp(-0.5 * ((frequency_hz - 112.0) / 12.0) ** 2)
+    wide = np.fft.irfft(np.fft.rfft(rng.standard_normal(t.size)) * around, t.size)
+    rates[:, 1] += 0.05 * wide / wide.std()
+    noise = find_noise([series("body_rate", t, rates)], None, None, None, ((t[0], t[-1]),))
+    assert noise is not None
+    assert "Pitch vibrates most above 20 Hz: 2.9 deg/s rms after the filters" in noise.sentence
+    (found,) = re.findall(r"most of it around (\d+) Hz", noise.sentence)
+    assert float(found) == pytest.approx(112.0, abs=3.0)
+
+
+@pytest.mark.parametrize(("rate_hz", "folded"), [(400.0, True), (2000.0, True), (4000.0, False)])
+def test_what_a_gyro_s_own_low_pass_ends_does_not_fold(rate_hz: float, folded: bool) -> None:
+    """Sensors end below 540 Hz: samples at several kilohertz hold all that they measure."""
+    t = grid(rate_hz, 20.0)
+    rates = coloured(3, t.size, rate_hz)
+    noise = find_noise([series("body_rate", t, rates)], None, None, None, ((t[0], t[-1]),))
+    assert noise is not None
+    assert noise.may_be_folded is folded
 
 
 @pytest.mark.parametrize(("rate_hz", "normal"), [(400.0, True), (50.0, False)])
