@@ -510,6 +510,19 @@ def test_the_band_of_the_prediction_holds_nineteen_of_twenty_held_out_errors(usa
     assert 0.0 < width < 3.0 * float(np.degrees(np.nanstd(fit.rate[:, 0])))
 
 
+def test_a_caption_says_why_a_line_leaves_its_chart(usable: Result) -> None:
+    """Ten times the measured rate leaves its scale; a prediction that fits needs no such words."""
+    model, *others = usable.identification.models
+    assert model.fit is not None
+    away = replace(model.fit, simulated_rate=10.0 * model.fit.rate)
+    identification = replace(usable.identification, models=(replace(model, fit=away), *others))
+    leaves = {
+        name: "leaves the chart" in shown(each, "evidence").caption
+        for name, each in {"fits": usable, "away": replace(usable, identification=identification)}.items()
+    }
+    assert leaves == {"fits": False, "away": True}
+
+
 def test_a_refused_axis_has_no_band_of_errors(usable: Result) -> None:
     verdict = replace(usable.diagnosis.axes["pitch"], verdict="refused")
     diagnosis = replace(usable.diagnosis, axes={**usable.diagnosis.axes, "pitch": verdict})

@@ -31,6 +31,10 @@ _BY_COMMANDS = (
     "Air also moves an axis that is marked 'by commands'. Its chart shows the acceleration for a commanded "
     "torque ({unit}). Dots: measured, with 95 % intervals. Line: the model."
 )
+#: Said where a line leaves its chart.
+RUNS_AWAY: Final = (
+    "The scale is that of the measured motion. A line leaves the chart where the model's errors add up."
+)
 #: The band holds this fraction of the held-out errors.
 _HELD = 0.95
 #: Three charts share the width of two thirds of a screen; the fit's own figures show every sample.
@@ -74,6 +78,13 @@ class Held(NamedTuple):
         room = max(_ROOM * (high - low), min(self.error, high - low) if np.isfinite(self.error) else 0.0)
         return Axis(label=RATE_AXIS.label, unit=RATE_AXIS.unit, low=low - room, high=high + room)
 
+    @property
+    def runs_away(self) -> bool:
+        """Whether the prediction leaves the chart."""
+        low, high = self.axis().low, self.axis().high
+        known = self.predicted[np.isfinite(self.predicted)]
+        return bool(low is not None and high is not None and ((known < low) | (known > high)).any())
+
 
 def evidence_figure(result: Result) -> Figure | LeftOut:
     """Show the most excited held-out seconds of every axis."""
@@ -83,7 +94,7 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
         return LeftOut(key=KEY, title=_TITLE, reason=reason)
     verdicts = result.diagnosis.axes
     panels: list[Panel] = []
-    unit, in_time_too = "", False
+    unit, in_time_too, runs_away = "", False, False
     for axis, symbol, held in zip(AXES, RATE_SYMBOLS, found, strict=True):
         refused = axis in verdicts and verdicts[axis].verdict == "refused"
         r2 = model.validation.r2_high_passed_rate.get(symbol, float("nan"))
@@ -102,6 +113,7 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
             unit = answer.y.unit.replace("^2", "²")
             answer = replace(answer, y=replace(answer.y, label=""))
         in_time_too |= answer is None
+        runs_away |= answer is None and held.runs_away
         panels.append(answer or in_time)
     return Figure(
         key=KEY,
@@ -112,6 +124,7 @@ def evidence_figure(result: Result) -> Figure | LeftOut:
                 (
                     _IN_TIME.format(hz=slowest_hz(result)) if in_time_too else "",
                     _BY_COMMANDS.format(unit=unit) if unit else "",
+                    RUNS_AWAY if runs_away else "",
                 ),
             )
         ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import FitSeries, Model
 from quadid_logs.data.result import Result
-from quadid_logs.figures.evidence import most_excited_seconds
+from quadid_logs.figures.evidence import RUNS_AWAY, most_excited_seconds
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Mark, Panel
 from quadid_logs.figures.thinning import CARRIED, thin_line
 from quadid_logs.figures.time_series import MOST_BANDS, TIME, spans
@@ -75,7 +76,8 @@ def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
             "them. Left: the measured angular acceleration, and that caused by the torque in the model. "
             "Right: the measured rate, and that simulated from the logged torque only. Where the lines "
             "differ, the model is wrong."
-        ),
+        )
+        + _run_away(panels),
         panels=tuple(panels),
         columns=2,
     )
@@ -143,10 +145,16 @@ def _simulation(model: Model, fit: FitSeries) -> Figure:
             "Simulated from the logged torque only, in blocks of some seconds. Each block starts at the "
             "measured rate. This is the hardest test, because errors add up."
         )
-        + _HELD_OUT,
+        + _HELD_OUT
+        + _run_away(panels),
         panels=_noted(panels, notes),
         over_time=True,
     )
+
+
+def _run_away(panels: Sequence[Panel]) -> str:
+    """Say why a line leaves its chart, if one does: only then is the axis held to what was measured."""
+    return f" {RUNS_AWAY}" if any(panel.y.low is not None for panel in panels) else ""
 
 
 def _r2_note(r2: float | None) -> str:

@@ -194,7 +194,7 @@ def _strongest(shown: Mapping[str, Periodograms], searched: Periodograms) -> str
     loudest = band == int(np.argmax(np.bincount(band, weights=power)))
     # Where the middle of that band's power is.
     middle_hz = float(np.average(frequency_hz[loudest], weights=power[loudest]))
-    sizes = []
+    sizes: list[str] = []
     for name in ("before", "after"):
         if name in shown:
             one = shown[name]
