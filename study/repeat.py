@@ -3,7 +3,8 @@
 Every set of flights of one vehicle in the corpus (`QUADID_LOG_CORPUS`): each flight by itself through
 `quadid_logs.repeat`, leave one out; all of them as a pool; and for those that follow a planned trajectory the
 bound on what a flight can tell (Cramer and Rao): of an effectiveness by that trajectory as instrument, lag,
-delay and damping known, in the noise that the flight itself has. Writes a table as markdown.
+delay and damping known, in the noise that the flight itself has. A second table says what the interval of
+each pool is made of. Writes both as markdown.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from quadid_logs.data.flight import FlightData  # noqa: E402
 from quadid_logs.data.model import SpectralFit  # noqa: E402
 from quadid_logs.data.result import Result  # noqa: E402
 from quadid_logs.errors import QuadidError  # noqa: E402
+from quadid_logs.identify.spectral import by_coordinates, few_blocks, solve_flight  # noqa: E402
 from quadid_logs.maths.block_spectra import BlockSpectra, block_spectra  # noqa: E402
 from quadid_logs.maths.normal import NORMAL_95  # noqa: E402
 from quadid_logs.pipeline import analyze, analyze_pooled  # noqa: E402
@@ -41,6 +43,8 @@ DEFAULT_OUTPUT: Final = ROOT / "benchmarks" / "repeat.md"
 #: Of the bound: where trajectories command anything, and above what the torque holds against.
 LOWEST_HZ, HIGHEST_HZ, BLOCK_S = 1.0, 12.0, 3.0
 TILTING: Final = ("roll", "pitch")
+#: Of the noise that flights have: small enough to be nothing beside departures, large enough for rounding.
+NO_NOISE: Final = 1e-6
 
 
 class Bound(NamedTuple):
@@ -141,6 +145,62 @@ def bound_of(results: Sequence[Result], fits: Sequence[SpectralFit]) -> Bound | 
     return Bound(single, 1.0 / np.sqrt(np.sum(single**-2.0, axis=0)))
 
 
+class Parts(NamedTuple):
+    """Half widths of a pool's roll and pitch over the effectiveness: as they are, and without some of it.
+
+    Each of shape (2,): without the noise of the flights; without departures from the equation, so that noise
+    alone is left; and by noise alone, were lag and delay known. NaN for an axis that nothing tells.
+    """
+
+    whole: FloatArray
+    without_noise: FloatArray
+    by_noise: FloatArray
+    lag_known: FloatArray
+
+
+def parts_of(data: FlightData) -> Parts | None:
+    """Return what the intervals of a pool are made of, None where no trajectory was planned."""
+    solution = solve_flight(data)
+    if solution is None or not solution.planned:
+        return None
+    axes = [axis for axis in solution.axes if axis.number < len(TILTING)]
+
+    def widths(noise: float, *, departs: bool, n_known: int) -> FloatArray:
+        n_linear = len(axes[0].spread) + 1
+        information = np.zeros((2 + n_linear * len(axes),) * 2)
+        information[:2, :2] = np.eye(2)
+        gains = []
+        for place, axis in enumerate(axes):
+            gains.append(float(axis.solved(solution.actuator)[0][0]))
+            before = axis.noise, axis.variance, axis.moments_hz
+            axis.noise = noise * axis.noise
+            axis.depart(*(before[1:] if departs else (0.0, 0.0)))
+            axis.prepare()
+            columns = axis.system(solution.actuator)[0]
+            slopes = np.zeros((len(columns), 2))
+            white = by_coordinates(axis.white_commanded, solution.actuator)[:, :2]
+            slopes[: len(white)] = gains[-1] * white
+            rows = np.column_stack([slopes, columns])
+            own = np.r_[0:2, 2 + n_linear * place : 2 + n_linear * (place + 1)]
+            information[np.ix_(own, own)] += rows.T @ rows
+            axis.noise = before[0]
+            axis.depart(*before[1:])
+            axis.prepare()
+        covariance = np.linalg.pinv(information[n_known:, n_known:], hermitian=True)
+        found = np.full(len(TILTING), np.nan)
+        for place, (axis, gain) in enumerate(zip(axes, gains, strict=True)):
+            variance = covariance[2 - n_known + n_linear * place, 2 - n_known + n_linear * place]
+            found[axis.number] = NORMAL_95 * few_blocks(axis.run.size) * np.sqrt(variance) / abs(gain)
+        return found
+
+    return Parts(
+        whole=widths(1.0, departs=True, n_known=0),
+        without_noise=widths(NO_NOISE, departs=True, n_known=0),
+        by_noise=widths(1.0, departs=False, n_known=0),
+        lag_known=widths(1.0, departs=False, n_known=2),
+    )
+
+
 def _spectra(data: FlightData) -> BlockSpectra | None:
     """Return the spectra of rates, torques and the trajectory of a flight, None where it has none."""
     segments = [each for each in data.segments if each.planned and each.command is not None]
@@ -222,6 +282,18 @@ HEAD: Final = (
 )
 
 
+PARTS_HEAD: Final = (
+    "| pool | half width | without noise | by noise alone | by noise alone, lag and delay known |\n"
+    "|---|---|---|---|---|\n"
+)
+
+
+def parts_row(name: str, parts: Parts) -> str:
+    """Return a row of the table of what intervals are made of."""
+    cells = [" / ".join(map(_percent, each)) for each in parts]
+    return f"| {' | '.join([name, *cells])} |"
+
+
 def _below(known: FloatArray, fraction: float) -> str:
     return f"{np.sum(known < fraction)} below {100 * fraction:.0f} %"
 
@@ -244,6 +316,10 @@ def main() -> int:
     text = HEAD + "\n".join(lines) + "\n"
     text += f"\nLeave one out: {held} of {n} values (effectiveness, damping, lag, delay) lie where the others"
     text += " predict them.\n"
+    told = {name: parts_of(pooled.data) for name, (_r, _f, pooled) in measured.items() if pooled is not None}
+    text += "\nOf roll / pitch of pools with a trajectory, whether their axes are refused or not:\n\n"
+    text += PARTS_HEAD
+    text += "".join(f"{parts_row(name, parts)}\n" for name, parts in told.items() if parts is not None)
     if singles:
         every = np.concatenate(singles)
         words = [

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 
 from quadid_logs.data.flight import FlightData, Segment
+from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.model import SpectralFit
+from quadid_logs.identify.spectral import fit_spectra
 from quadid_logs.identify.spectral_effects import fit_by_spectra
+from quadid_logs.maths.block_spectra import BlockSpectra
 
 PERIOD_S, LAG_S, DELAY_STEPS, GRAVITY = 0.004, 0.045, 2, 9.81
 GAIN, DAMPING = np.array([180.0, 140.0]), np.array([-1.0, -1.2])
@@ -195,3 +198,27 @@ def test_fewer_than_four_blocks_tell_nothing() -> None:
     """One flight of six seconds has three."""
     data = _pool(0)
     assert fit_by_spectra(replace(data, segments=data.segments[:1])) == ()
+
+
+def _departing(seed: int) -> BlockSpectra:
+    """Return blocks whose response is the equation's but for 20 % in each sixth of an octave."""
+    rng, n_blocks, hz = np.random.default_rng(seed), 40, np.arange(2, 46) / 3.0
+    s = 2j * np.pi * hz
+    behind = np.exp(-s * PERIOD_S * DELAY_STEPS) / (1.0 + s * LAG_S)
+    band = np.round(6.0 * np.log2(hz)).astype(int)
+    values = np.zeros((n_blocks, hz.size, 15), dtype=np.complex128)
+    for axis in range(2):
+        real, imaginary = rng.standard_normal((2, 2, n_blocks, hz.size))
+        planned, air = (real + 1j * imaginary) / hz
+        response = GAIN[axis] * behind * (1.0 + 0.2 * rng.standard_normal(40)[band - band[0]])
+        values[:, :, axis] = (response * planned + 0.025 * GAIN[axis] * air) / s
+        values[:, :, 3 + axis] = values[:, :, 12 + axis] = planned
+    starts = np.arange(n_blocks)
+    return BlockSpectra(hz, values, np.zeros_like(values), 1.5 * starts, starts, PERIOD_S)
+
+
+def test_what_the_equation_does_not_describe_draws_the_effectiveness_nowhere() -> None:
+    """On the mean of 16 axes, each of which is 7 % off. With sizes as measured all are low, by a fifth."""
+    fits = [fit_spectra(_departing(seed), GyroFilter(), planned=True, moved=(0, 1)) for seed in range(8)]
+    errors = [each[axis].gain / GAIN[axis] - 1.0 for each in fits for axis in range(2)]
+    assert abs(np.mean(errors)) < 0.05
