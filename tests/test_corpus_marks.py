@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 TESTS = Path(__file__).parent
 
 
@@ -28,6 +30,7 @@ def test_a_corpus_that_is_named_but_absent_is_an_error(tmp_path: Path) -> None:
     assert str(tmp_path) in done.stderr
 
 
+@pytest.mark.thorough
 def test_not_corpus_leaves_out_every_test_that_reads_it() -> None:
     """By the fixture that gives the folder, marked or not; `make test` needs none."""
     chosen = collect("-m", "not corpus", "tests/writers/test_ulog.py", "tests/test_corpus.py", corpus=None)

@@ -217,6 +217,7 @@ def test_between_two_flights_nothing_is_drawn(key: str, usable: Result) -> None:
         assert not known[(x > 75.0) & (x < 665.0)].any()
 
 
+@pytest.mark.thorough
 @given(
     values=hnp.arrays(np.float64, st.integers(0, 3000), elements=st.floats(-1e6, 1e6) | st.just(np.nan)),
     buckets=st.integers(1, 200),
@@ -304,6 +305,7 @@ def test_powers_of_ten_are_written_as_such(usable: Result) -> None:
     assert [tick.text for tick in log_ticks(1e-3, 1e12)] == ["10⁻³", "10⁰", "10³", "10⁶", "10⁹", "10¹²"]
 
 
+@pytest.mark.thorough
 def test_a_hostile_mode_name_is_drawn_as_text(tmp_path: Path) -> None:
     """TeX, control characters and unknown letters neither raise nor warn."""
     result = hostile_result()

@@ -115,6 +115,7 @@ def test_a_hover_shows_no_figure(folder: Path) -> None:
     assert "doublets for" in figures.hint
 
 
+@pytest.mark.thorough
 def test_the_axis_that_was_not_moved_is_next(folder: Path) -> None:
     """The chirp was on roll alone."""
     figures = flown(scenario("single-axis", folder)[0], 4)[-1]

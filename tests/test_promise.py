@@ -152,6 +152,7 @@ def test_another_filter_is_another_loop(promise: Promise, followed: Result) -> N
     assert found.axes["roll"].obstacle is Obstacle.OTHER_GAINS
 
 
+@pytest.mark.thorough
 def test_gains_that_are_written_as_another_product_are_those_promised() -> None:
     """PX4 multiplies P, I and D by K: twice K is twice all three."""
     before = flown("px4")

@@ -99,6 +99,7 @@ def test_where_two_flights_could_each_be_the_outlier_neither_is_named() -> None:
     assert roll_of(found).outliers == ()
 
 
+@pytest.mark.thorough
 def test_flights_of_one_vehicle_are_seldom_called_different() -> None:
     """At most 5 % of families of six flights whose intervals are right, and whose vehicle is one."""
     random = np.random.default_rng(4)
@@ -113,6 +114,7 @@ def test_flights_of_one_vehicle_are_seldom_called_different() -> None:
     assert np.mean(wrong) <= 0.06
 
 
+@pytest.mark.thorough
 def test_the_prediction_from_the_others_holds_the_flight_left_out() -> None:
     """93 % and more of flights that differ by 5 % beyond their own errors."""
     random = np.random.default_rng(5)

@@ -21,7 +21,7 @@ from quadid_logs.simulator import simulate
 from quadid_logs.vehicle_file import read_vehicle
 from quadid_logs.writers import write_log
 from tests.bifilar import Hung, swing_log, swing_rate
-from tests.marks import thorough_but
+from tests.marks import thorough, thorough_but
 
 TIME_S = np.arange(0.0, 60.0, 0.01)
 
@@ -36,7 +36,7 @@ def log() -> FlightLog:
     return swing_log(swing_rate(Hung(), TIME_S, 10.0), TIME_S)
 
 
-@pytest.mark.parametrize("suffix", [".bin", ".ulg", ".usd", ".tlog"])
+@pytest.mark.parametrize("suffix", [".bin", *map(thorough, (".ulg", ".usd", ".tlog"))])
 def test_the_truth_comes_back_through_every_format(log: FlightLog, suffix: str, tmp_path: Path) -> None:
     """Within 1 %, from 10 degrees at 100 Hz with linear and quadratic drag, as each autopilot writes it."""
     write_log(log, tmp_path / f"swing{suffix}")
@@ -114,6 +114,7 @@ def pushed_thrice() -> tuple[np.ndarray, np.ndarray]:
     return time_s, swing_rate(Hung(), time_s, 10.0, pushes_s=(0.0, 40.0, 80.0))
 
 
+@pytest.mark.thorough
 def test_each_push_is_a_swing_of_its_own() -> None:
     """Three of them; none reaches over a push."""
     time_s, rate = pushed_thrice()

@@ -298,6 +298,7 @@ def test_gusts_alone_do_not_make_a_rate_that_rings() -> None:
     assert np.abs(turns.target_to_rate).max() < 1.02 * most
 
 
+@pytest.mark.thorough
 def test_gains_that_a_file_rounds_off_keep_the_limits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Betaflight's are whole numbers: at the limits, one less of each may be too little or too much."""
 
@@ -502,6 +503,7 @@ def test_uncertainty_lowers_no_gains(apart: bool) -> None:
     assert {"QL646", "QL618"} & set(codes_of(found))
 
 
+@pytest.mark.thorough
 def test_gains_that_only_uncertainty_keeps_are_not_called_right() -> None:
     """The effectiveness is known to a factor of two: known better, this vehicle would bear more."""
     result = detuned(1.5)
@@ -640,6 +642,7 @@ def test_a_comparison_tells_that_the_promise_was_not_kept(advised: Tuning) -> No
     assert one.decision is Decision.BACK
 
 
+@pytest.mark.thorough
 def test_a_broken_promise_sends_back_from_no_gains_that_keep_the_limits(advised: Tuning) -> None:
     """More effective by 40 %: less margin than promised, and still enough of it."""
     one = checked(before(), followed(advised, 1.4))["roll"]
@@ -661,6 +664,7 @@ def test_a_promise_of_lowered_gains_that_was_not_kept_does_not_send_back() -> No
     assert one.decision is not Decision.BACK
 
 
+@pytest.mark.thorough
 def test_nothing_is_promised_of_gains_that_nobody_recommended() -> None:
     """The pilot chose others."""
     assert checked(before(), detuned(0.77)) == {}

@@ -343,6 +343,7 @@ def test_the_flight_itself_is_not_refused() -> None:
     assert unharmed("roll").verdict != "refused"
 
 
+@pytest.mark.thorough
 @RANGES
 @pytest.mark.parametrize("apart", [False, thorough(True)])
 def test_limits_that_no_factor_keeps_are_refused_by_name(apart: bool, ranges: Ranges) -> None:

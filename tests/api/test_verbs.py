@@ -225,6 +225,7 @@ def test_a_tuning_shows_each_gain_that_changes(tuned: Result) -> None:
         assert f"{name} {one.now:g} -> {one.next:g}" in repr(tuning)
 
 
+@pytest.mark.thorough
 def test_a_figure_shows_itself_in_a_notebook_and_is_written(
     analysis: quadid_logs.Analysis, tmp_path: Path
 ) -> None:

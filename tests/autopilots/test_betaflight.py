@@ -392,7 +392,13 @@ def test_the_delay_of_the_gyro_filters_is_measured() -> None:
 
 @pytest.mark.parametrize(
     ("version", "mode", "is_gyro"),
-    [("3.3.0", 6, False), ("3.4.0", 6, True), ("4.4.3", 6, True), ("4.5.0", 6, False), ("4.3.1", 7, False)],
+    [
+        thorough("3.3.0", 6, False),
+        thorough("3.4.0", 6, True),
+        ("4.4.3", 6, True),
+        ("4.5.0", 6, False),
+        thorough("4.3.1", 7, False),
+    ],
 )
 def test_the_gyro_before_its_filters_is_read_from_the_debug_fields_of_one_mode(
     version: str, mode: int, is_gyro: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -160,7 +160,7 @@ def test_only_yaws_p_is_low_passed() -> None:
         assert abs(found) == pytest.approx(gain, rel=1e-3)
 
 
-@pytest.mark.parametrize("name", [STICKS, CHIRP])
+@pytest.mark.parametrize("name", [STICKS, thorough(CHIRP)])
 def test_the_firmwares_own_terms_are_replayed(corpus: Path, name: str) -> None:
     """P and D of roll and pitch, P of yaw, within what rounding leaves."""
     found = replayed(logged(corpus / "firmware" / name))
@@ -176,7 +176,9 @@ def test_what_is_not_replayed_is_told(corpus: Path) -> None:
     assert found.relative_rms["I"] is None
 
 
-@pytest.mark.parametrize(("axis", "name", "value"), [("roll", "p_roll", 54.0), ("pitch", "p_pitch", 41.0)])
+@pytest.mark.parametrize(
+    ("axis", "name", "value"), [("roll", "p_roll", 54.0), thorough("pitch", "p_pitch", 41.0)]
+)
 def test_a_gain_that_did_not_fly_is_named(corpus: Path, axis: str, name: str, value: float) -> None:
     """Of the header's P a fifth too high or an eighth too low."""
     log = logged(corpus / "firmware" / STICKS)
@@ -185,6 +187,7 @@ def test_a_gain_that_did_not_fly_is_named(corpus: Path, axis: str, name: str, va
     assert found.numbers["flown"] == pytest.approx(log.parameters[name], rel=0.03)
 
 
+@pytest.mark.thorough
 def test_a_hover_of_a_few_units_tells_nothing_of_the_controller(corpus: Path) -> None:
     """Its terms are mostly rounding."""
     found = replayed(logged(corpus / "firmware" / HOVER))
@@ -499,6 +502,7 @@ def test_a_d_that_rises_in_the_quickest_motion_is_no_other_gain(corpus: Path) ->
     assert with_d(logged(corpus / "firmware" / STICKS), raised).agrees
 
 
+@pytest.mark.thorough
 def test_a_d_beyond_both_of_its_gains_did_not_fly_with_them(corpus: Path) -> None:
     """Half as much again as the higher one."""
     found = with_d(logged(corpus / "firmware" / STICKS), lambda lower: 3.0 * lower)
@@ -639,6 +643,7 @@ def test_the_true_vehicles_margins_are_inside_the_intervals(
         assert low - slack <= getattr(true, figure).value <= high + slack
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 @pytest.mark.parametrize("name", [STICKS, CHIRP])
 def test_a_cutoff_of_d_that_the_replay_does_not_see_hardly_changes_the_phase_margin(

@@ -56,6 +56,7 @@ def effectiveness(record: Record) -> FloatArray:
     return np.diag(np.linalg.lstsq(sums, acceleration, rcond=None)[0][:3])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", AXES)
 def test_gains_hold_with_linearised_outputs_that_a_full_battery_holds_back(
     axis: str, flown: Record, analysed: Result

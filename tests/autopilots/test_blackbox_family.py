@@ -362,7 +362,7 @@ def test_every_flown_blackbox_log_is_read(
 @pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
 @pytest.mark.parametrize(
     "name",
-    ["log14.bfl", "plasmatree-smooth.bbl", *map(thorough, ("hiro-highP-lowD.bfl", "log36.bfl"))],
+    ["log14.bfl", *map(thorough, ("plasmatree-smooth.bbl", "hiro-highP-lowD.bfl", "log36.bfl"))],
 )
 def test_the_law_of_3_1_and_3_4_makes_the_logged_terms(corpus: Path, name: str, axis: str) -> None:
     """By set-points made of the sticks: gains, attenuation and yaw's low-pass are those of the header."""
@@ -373,7 +373,9 @@ def test_the_law_of_3_1_and_3_4_makes_the_logged_terms(corpus: Path, name: str, 
     assert replay(found, replay_inputs(log, found, ()))[axis].agrees
 
 
-@pytest.mark.parametrize("name", ["hiro-highP-lowD.bfl", "log21.bfl", thorough("plasmatree-smooth.bbl")])
+@pytest.mark.parametrize(
+    "name", ["hiro-highP-lowD.bfl", thorough("log21.bfl"), thorough("plasmatree-smooth.bbl")]
+)
 def test_the_battery_of_old_logs_is_in_volts(corpus: Path, name: str) -> None:
     """Four cells, four, and two, of 3.2 to 4.3 V each."""
     cells = 2 if name.startswith("plasma") else 4

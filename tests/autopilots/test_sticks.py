@@ -231,7 +231,7 @@ def test_since_4_3_the_logged_set_points_are_those_of_sticks_smoothed(corpus: Pa
 @pytest.mark.parametrize(
     "name",
     thorough_but(
-        ["hiro-highP-lowD", "log14"],
+        ["log14"],
         ["hiro-highP-lowD", "hiro-lowP-lowD", "log14", "log17", "log21", "log26", "log29", "log36"],
     ),
 )

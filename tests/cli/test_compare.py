@@ -201,6 +201,7 @@ def test_figure_and_json_are_written_and_not_overwritten(
     assert {path.name for path in Path("fresh").iterdir()} == {"compare.json", "compare.html"}
 
 
+@pytest.mark.thorough
 def test_a_full_temporary_folder_costs_no_comparison(
     analyzed: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,6 +32,7 @@ def test_an_output_that_takes_nothing_is_one_line_and_exit_code_2(
     assert "bug" not in line
 
 
+@pytest.mark.thorough
 def test_a_closed_standard_error_costs_no_result() -> None:
     """Progress and problems have nowhere to go; the result has."""
     done = shell(f"info {LOG}", "2>&-")

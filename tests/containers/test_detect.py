@@ -197,6 +197,7 @@ def test_any_bytes_open_or_raise_a_log_error(start: bytes, rest: bytes, tmp_path
     assert log.n_bytes == len(start + rest)
 
 
+@pytest.mark.thorough
 @pytest.mark.corpus
 def test_every_log_of_the_corpus_opens_or_says_why_not(corpus: Path) -> None:
     """No file of the corpus ends in anything but a log or a LogError."""

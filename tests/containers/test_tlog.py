@@ -19,6 +19,7 @@ from quadid_logs.containers.mavlink_frames import crc_of_columns, is_right
 from quadid_logs.errors import EmptyLogError, LogError, SettingsError
 from quadid_logs.load import read_log
 from quadid_logs.writers.mavlink_packets import Messages, packet
+from tests.marks import thorough_but
 
 from . import mavlink_maker as make
 
@@ -77,7 +78,7 @@ def rolls(path: Path) -> list[float]:
 
 
 @pytest.mark.corpus
-@pytest.mark.parametrize("corpus_log", INTACT, indirect=True)
+@pytest.mark.parametrize("corpus_log", thorough_but(INTACT[:1], INTACT), indirect=True)
 def test_every_field_of_every_message_equals_pymavlink(
     corpus_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -240,6 +241,7 @@ def test_garbage_costs_no_more_than_the_damage_and_four_packets(data: st.DataObj
     assert found == sorted(set(found))
 
 
+@pytest.mark.thorough
 @settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(places=st.lists(st.tuples(st.integers(0, 10_000), st.integers(0, 255)), min_size=1, max_size=40))
 def test_flipped_bytes_anywhere_never_crash(places: list[tuple[int, int]], tmp_path: Path) -> None:

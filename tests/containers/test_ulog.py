@@ -165,6 +165,7 @@ def test_a_log_reads_the_same_in_blocks_of_any_size(
         np.testing.assert_array_equal(table.position, whole.topics[key].position)
 
 
+@pytest.mark.thorough
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_garbage_costs_no_more_than_the_damage_and_four_rows(data: st.DataObject, tmp_path: Path) -> None:

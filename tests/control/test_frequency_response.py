@@ -103,6 +103,7 @@ def closed(vehicle: Vehicle, model_of: Vehicle, **flown: float) -> AxisLoop:
     return close_loop(data, model, controllers(), {}, low_hz=0.3).axes["roll"]
 
 
+@pytest.mark.thorough
 def test_a_second_lag_that_the_model_does_not_have_contradicts_it() -> None:
     """A frame or an output board that takes phase away at the crossover."""
     assert closed(Vehicle(extra_lag_s=0.03), TRUE).contradicted

@@ -303,6 +303,7 @@ def test_without_ranges_the_next_gains_reject_gusts_better() -> None:
     assert alone.attitude_error < tuned("ardupilot").attitude_error
 
 
+@pytest.mark.thorough
 def test_gains_that_break_a_limit_off_nominal_alone_are_not_lowered() -> None:
     """Uncertainty lowers nothing, nor does a load that may never be flown; it is told."""
     result = flown("px4")

@@ -128,6 +128,7 @@ def test_an_angle_gain_that_did_not_fly_is_told_by_how_much(
     assert replay.gain.value == pytest.approx(2.0 / 3.0, rel=0.03)
 
 
+@pytest.mark.thorough
 def test_an_excitation_that_is_added_to_the_rates_contradicts_no_angle_gain() -> None:
     """A sweep on rate set-points is not the attitude controller's, whose gain is as it was."""
     replays = attitude_of(log_of("ardupilot", scenario="sysid-quad-x"))

@@ -142,6 +142,7 @@ def test_a_wrong_gain_is_no_stop_that_the_log_does_not_tell(name: str, wrong: fl
     assert not roll(replace(log, parameters={**log.parameters, given: wrong * AP_PID[name]})).agrees
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("first", [thorough(1000), thorough(16000), 17500])
 def test_a_gain_that_is_as_in_the_file_is_not_said_to_differ(first: int) -> None:
     """The integral was set in the middle of some part; the steps of the output show the file's gains."""
@@ -236,7 +237,9 @@ def test_a_cut_off_between_those_that_are_tried_is_found() -> None:
     assert found.numbers["flown_hz"] == pytest.approx(13.0, rel=0.03)
 
 
-@pytest.mark.parametrize(("name", "wrong"), [("P", 0.2), ("I", 0.8), ("D", 0.007), ("FF", 0.1)])
+@pytest.mark.parametrize(
+    ("name", "wrong"), [("P", 0.2), thorough("I", 0.8), thorough("D", 0.007), thorough("FF", 0.1)]
+)
 def test_a_wrong_gain_is_named_with_the_one_that_flew(name: str, wrong: float) -> None:
     found = roll(ApFlight().log(terms=False, parameters={f"ATC_RAT_RLL_{name}": wrong}))
     assert (found.agrees, found.reason) == (False, ReplayReason.GAIN_DIFFERS)
@@ -373,6 +376,7 @@ def test_a_quarter_of_the_set_points_may_be_missing() -> None:
     assert found.relative_rms["output"] < 0.05
 
 
+@pytest.mark.thorough
 def test_set_points_that_are_mostly_missing_are_named() -> None:
     found = roll(Px4Flight(every=25).log())
     assert (found.agrees, found.reason) == (False, ReplayReason.SETPOINT_MISSING)
@@ -476,7 +480,7 @@ def test_it_is_said_whether_the_firmwares_source_was_read(version: str, told: st
 FULL_RATE = ("ac47_quadx_multisine.BIN", "ac47_quadx_doublets.BIN", "ac47_quadx_sid_roll.BIN")
 
 
-@pytest.mark.parametrize("name", FULL_RATE)
+@pytest.mark.parametrize("name", thorough_but(FULL_RATE[1:2], FULL_RATE))
 def test_ardupilots_firmware_is_replayed_on_all_axes(corpus: Path, name: str) -> None:
     prepared = load(corpus / "firmware" / name)
     for axis, found in replayed(prepared.log, prepared.flights).items():

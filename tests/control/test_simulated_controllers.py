@@ -34,7 +34,7 @@ def flown(tmp_path: Path, scenario: str, autopilot: str) -> tuple[FlightLog, dic
     return prepared.log, replay(controllers, inputs, prepared.log.parameter_changes)
 
 
-@pytest.mark.parametrize("autopilot", SUFFIX)
+@pytest.mark.parametrize("autopilot", thorough_but(["ardupilot"], SUFFIX))
 def test_a_simulated_flight_replays_from_its_file(tmp_path: Path, autopilot: str) -> None:
     _, found = flown(tmp_path, "doublets", autopilot)
     for axis, one in found.items():

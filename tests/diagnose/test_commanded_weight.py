@@ -10,6 +10,7 @@ import pytest
 from quadid_logs import Vehicle, analyze
 from quadid_logs.data.flight import FlightData, Overview
 from quadid_logs.diagnose.torque_findings import find_in_weight
+from tests.marks import thorough
 
 
 def flown(over_weight: float, *, mass_kg: float = 0.035, length_s: float = 8.0) -> FlightData:
@@ -57,7 +58,11 @@ def test_without_a_mass_nothing_is_said() -> None:
 @pytest.mark.corpus
 @pytest.mark.parametrize(
     ("name", "mass_kg", "between"),
-    [("log09", 0.0333, (0.65, 0.75)), ("log81", 0.0375, (0.6, 0.72)), ("log201", 0.0419, (0.93, 0.99))],
+    [
+        thorough("log09", 0.0333, (0.65, 0.75)),
+        thorough("log81", 0.0375, (0.6, 0.72)),
+        ("log201", 0.0419, (0.93, 0.99)),
+    ],
 )
 def test_flown_thrust_over_weight_is_that_of_the_motors(
     name: str, mass_kg: float, between: tuple[float, float], corpus: Path

@@ -87,6 +87,7 @@ def test_axes_that_were_not_excited_are_refused_by_name() -> None:
     assert axes["yaw"].reasons == ("QL403",)
 
 
+@pytest.mark.thorough
 def test_motion_that_the_torque_does_not_explain_is_refused() -> None:
     """Wind shakes the vehicle by tens of degrees per second."""
     rng = np.random.default_rng(1)

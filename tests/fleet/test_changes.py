@@ -259,6 +259,7 @@ def test_several_outliers_do_not_hide_each_other():
     assert sorted(one.vehicle for one in found if one.is_outlier) == ["v11", "v12", "v3", "v7"]
 
 
+@pytest.mark.thorough
 def test_ordinary_vehicles_are_no_outliers():
     """50 fleets of twenty, 13 quantities each: one in a hundred fleets may."""
     rng = np.random.default_rng(9)

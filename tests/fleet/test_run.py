@@ -351,9 +351,8 @@ def _old_task(**keywords):
     return Task(**keywords, version="0.0.1")
 
 
-@pytest.mark.parametrize(
-    "n_workers", [0, pytest.param(1, marks=pytest.mark.thorough)], ids=["scheduler", "worker"]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("n_workers", [0, 1], ids=["scheduler", "worker"])
 def test_a_cluster_without_the_package_stops_the_run(one_log, tmp_path, n_workers):
     """Only a scheduler that lacks it, or a worker too: one clear line, and not a lost row per log."""
     package = tmp_path / "quadid_logs"

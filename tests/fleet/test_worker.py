@@ -43,6 +43,7 @@ def task(tmp_path):
     return Task(file=LogFile(url=str(path)), options=Options())
 
 
+@pytest.mark.thorough
 def test_a_process_killed_between_two_logs_costs_no_log(pool, task):
     """As the kernel does it where another program takes the memory."""
     before = set(psutil.Process().children())
@@ -99,6 +100,7 @@ def test_a_pool_that_broke_under_a_log_is_told_too(pool, task, end_with):
         pool.analyze(task)
 
 
+@pytest.mark.thorough
 def test_a_fleets_rows_are_the_same_but_for_margins_with_what_verdicts_rest_on_alone():
     """No margin of a loop has a part in anything else."""
     whole = flown("ardupilot")

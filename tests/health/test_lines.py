@@ -77,6 +77,7 @@ def test_a_spectrum_that_ends_below_the_rotors_is_not_called_normal(rate_hz: flo
     assert noise.says_what_is_normal is normal
 
 
+@pytest.mark.thorough
 def test_clean_spectra_show_no_line_but_in_one_of_a_hundred() -> None:
     """The p-value counts every bin of all three axes: at most 1 % of flights, of which 40 are flown here.
 

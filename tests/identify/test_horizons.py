@@ -119,6 +119,7 @@ def test_one_flight_without_speed_leaves_it_out_for_all() -> None:
     assert not [name for name in fit_predictor(flights, (20,)).groups if "speed" in name]
 
 
+@pytest.mark.thorough
 def test_a_flight_that_lacks_what_the_others_have_is_refused() -> None:
     """With the name of what is missing."""
     ahead = fit_predictor([carried(seed) for seed in range(3)], (20,))
@@ -172,6 +173,7 @@ def test_a_horizon_of_no_step_is_refused() -> None:
         fit_predictor([pushed(0), pushed(1)], (0, 10))
 
 
+@pytest.mark.thorough
 def test_a_torque_that_never_moves_does_not_stop_the_fit() -> None:
     """An axis without a torque has columns of zeros."""
     flights = []

@@ -177,6 +177,7 @@ def test_less_of_feedback_is_left_in_a_longer_flight_and_none_is_said_without_in
     assert feedback_left(design, [], 0) is None
 
 
+@pytest.mark.thorough
 def test_the_effectiveness_of_a_rigid_body_is_known_no_better_than_the_scale_of_the_gyro() -> None:
     """Per command it is off by as much as the gyro, 1 %; gyroscopic terms tell a fifth of that apart."""
     flight = fly(dataclasses.replace(QUAD, noise_rad_s=1e-6), multisine(40.0))

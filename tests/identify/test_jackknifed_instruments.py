@@ -31,6 +31,7 @@ def estimates(rng: np.random.Generator) -> tuple[float, float]:
     return float(explained @ y / (explained @ x)), float(told_x @ y / (told_x @ x))
 
 
+@pytest.mark.thorough
 def test_instruments_told_by_other_seconds_keep_nothing_of_the_disturbances() -> None:
     """Over 400 draws; two-stage least squares keeps its share of what plain least squares are off by."""
     rng = np.random.default_rng(5)

@@ -30,6 +30,7 @@ def slow_motors(flight: Simulation) -> Model:
     return found
 
 
+@pytest.mark.thorough
 def test_rotors_that_spin_up_and_down_at_different_rates_are_found_so(slow_motors: Model) -> None:
     """Both time constants within 2 ms."""
     actuator = slow_motors.actuator

@@ -40,6 +40,7 @@ def dragged() -> dict[str, Model]:
     return {model.structure: model for model in models}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("structure", [WITH_DRAG.name, BODY_WITH_DRAG.name])
 def test_a_new_term_is_fitted_where_a_structure_lists_it(dragged: dict[str, Model], structure: str) -> None:
     """To 5 %, the truth inside the interval, equation by equation and behind one tensor."""

@@ -244,6 +244,7 @@ def test_nothing_that_is_there_is_overwritten(
 frames = st.tuples(st.integers(0, 65_535), st.binary(max_size=249), st.integers(0, 255), st.floats(0.0, 2.0))
 
 
+@pytest.mark.thorough
 @settings(max_examples=150, deadline=None)
 @given(st.lists(frames, max_size=40), st.booleans())
 def test_any_frames_make_a_file_of_whole_messages(
@@ -269,6 +270,7 @@ blocks = st.tuples(
 )
 
 
+@pytest.mark.thorough
 @settings(max_examples=150, deadline=None)
 @given(st.lists(blocks, max_size=40))
 def test_any_blocks_make_a_file_of_bounded_size(sent: list[tuple[int, bytes, float]]) -> None:

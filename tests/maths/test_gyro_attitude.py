@@ -74,6 +74,7 @@ def test_one_jump_of_the_compass_changes_nothing() -> None:
     np.testing.assert_allclose(fit.matrix, MATRIX, atol=0.01)
 
 
+@pytest.mark.thorough
 def test_the_half_widths_are_those_of_95_percent() -> None:
     """1.96 times the spread over 60 noises, of nine elements and the lag: known to 9 % each, 3 % together."""
     rng = np.random.default_rng(2)

@@ -59,6 +59,7 @@ def _slopes(n_runs: int, memory: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array(estimates), np.array(errors)
 
 
+@pytest.mark.thorough
 def test_clustered_errors_match_the_true_spread_of_estimates_in_coloured_noise() -> None:
     """With residual autocorrelation 0.95 the true spread over 150 runs is met within its own noise."""
     estimates, errors = _slopes(150, 0.95)
@@ -66,6 +67,7 @@ def test_clustered_errors_match_the_true_spread_of_estimates_in_coloured_noise()
     assert np.mean(errors) == pytest.approx(np.std(estimates), rel=0.2)
 
 
+@pytest.mark.thorough
 def test_the_white_noise_formula_would_be_far_too_small_in_that_noise() -> None:
     """Otherwise the test above would prove nothing."""
     estimates, _ = _slopes(60, 0.95)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from quadid_logs.maths.multisine import _norm, orthogonal
+from tests.marks import thorough
 
 BANDS = ((5.0, 200.0), (5.0, 200.0), (3.0, 100.0))
 
 
-@pytest.mark.parametrize("n_lines", [16, 24])
+@pytest.mark.parametrize("n_lines", [16, thorough(24)])
 def test_peaks_are_below_1_6_times_the_rms(n_lines: int) -> None:
     """A sine has 1.41; random phases have 2.5 to 3."""
     time = np.linspace(0.0, 1.0, 20_000, endpoint=False)

@@ -75,6 +75,7 @@ def test_uploads_take_no_memory_and_ten_gigabytes_are_refused_at_once(tmp_path: 
             assert connection.recv(100).startswith(b"HTTP/1.1 413")
 
 
+@pytest.mark.thorough
 def test_a_port_that_is_taken_ends_with_one_line(tmp_path: Path) -> None:
     """And says what to do."""
     with (

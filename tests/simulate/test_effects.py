@@ -269,6 +269,7 @@ def test_so_many_samples_are_absurd_and_no_other_changes():
     assert np.abs(struck[struck != 0.0]).min() > 2.9
 
 
+@pytest.mark.thorough
 def test_a_log_without_setpoints_has_everything_else():
     """What is missing are the rate set-points alone."""
     whole, without = (

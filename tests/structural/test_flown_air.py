@@ -58,6 +58,7 @@ def rough() -> Flight:
     return flown(1.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_flown_air_leaves_roll_and_pitch_a_number_that_holds_the_truth(rough: Flight, axis: str) -> None:
     """The torque explains 83 to 87 % of the acceleration, and 95 % and more of what was commanded."""
@@ -65,6 +66,7 @@ def test_flown_air_leaves_roll_and_pitch_a_number_that_holds_the_truth(rough: Fl
     assert rough.holds(axis)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", [0, 1])
 def test_sticks_tell_roll_and_pitch_to_a_fifth(rough: Flight, axis: int) -> None:
     """The set-points answer every gust through the attitude; the sticks answer none."""
@@ -73,6 +75,7 @@ def test_sticks_tell_roll_and_pitch_to_a_fifth(rough: Flight, axis: int) -> None
     assert told.is_sound
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", [0, 1])
 def test_an_axis_that_commands_tell_shows_its_response_to_them(rough: Flight, axis: int) -> None:
     """In nine bands or more; by its torque, which answers gusts, it would be seventeen times as large."""
@@ -89,6 +92,7 @@ def test_an_axis_that_commands_tell_shows_its_response_to_them(rough: Flight, ax
     assert np.mean(np.abs(response.gain / true - 1.0)[known] < 2.0 * response.error[known]) >= 0.8
 
 
+@pytest.mark.thorough
 def test_no_lag_is_searched_for_in_time_where_air_moves_the_vehicle(rough: Flight) -> None:
     """What commands tell of it holds the truth; no sample by sample fit would be believed."""
     model = rough.result.identification.recommended
@@ -99,6 +103,7 @@ def test_no_lag_is_searched_for_in_time_where_air_moves_the_vehicle(rough: Fligh
     assert low <= rough.lag_s <= high
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_no_fit_in_time_stands_beside_what_commands_tell_in_rough_air(rough: Flight, axis: int) -> None:
     """It leaves more than a tenth unexplained on every axis."""
