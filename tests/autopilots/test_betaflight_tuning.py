@@ -195,6 +195,7 @@ def test_a_hover_is_refused(corpus: Path, analyzed: Analyzed) -> None:
     assert found.refused == ("roll", "pitch", "yaw")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("code", "told"), [("QL615", True), ("QL644", True), ("QL613", False), ("QL625", False)]
 )

@@ -193,22 +193,30 @@ HEAVY = Vehicle(name="heavy", mass_kg=1.8)
 HEAVY_FILE = 'name = "heavy"\nmass_kg = 1.8\n'
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def yaw_flight() -> Prediction:
+    """Return what a planned flight might give, for tests of what stands around it."""
+    return synthetic_prediction()
+
+
+@pytest.fixture(scope="module")
+def flown_yaw() -> Prediction:
     """Return what the planned yaw sweep gives on a heavier quadrotor."""
     return predict(make_plan("ardupilot", ["yaw"], vehicle=HEAVY), HEAVY)
 
 
-def test_the_planned_axis_is_usable_and_no_other(yaw_flight: Prediction) -> None:
+@pytest.mark.thorough
+def test_the_planned_axis_is_usable_and_no_other(flown_yaw: Prediction) -> None:
     """A sweep on one axis teaches that axis only."""
-    verdicts = {axis: found.verdict for axis, found in yaw_flight.diagnosis.axes.items()}
+    verdicts = {axis: found.verdict for axis, found in flown_yaw.diagnosis.axes.items()}
     assert verdicts == {"roll": "refused", "pitch": "refused", "yaw": "usable"}
 
 
-def test_the_card_predicts_for_the_vehicle_that_was_given(yaw_flight: Prediction) -> None:
+@pytest.mark.thorough
+def test_the_card_predicts_for_the_vehicle_that_was_given(flown_yaw: Prediction) -> None:
     """With the interval, and only for the planned axis."""
     planned = make_plan("ardupilot", ["yaw"], vehicle=HEAVY)
-    text = "\n".join(card_lines(planned, yaw_flight))
+    text = "\n".join(card_lines(planned, flown_yaw))
     assert "heavy" in text
     assert "- yaw: usable, effectiveness " in text
     assert "known to ±" in text
@@ -342,6 +350,7 @@ def test_wrong_usage_is_one_clear_line(
     assert len(err.splitlines()) == 1
 
 
+@pytest.mark.thorough
 def test_the_plan_as_json_holds_what_the_card_says(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -298,6 +298,7 @@ def test_a_shell_reads_a_printed_command_as_it_is_meant(printed: Printed) -> Non
         assert shell.stdout.decode().splitlines() == shlex.split(words)
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_exported_is_not_offered(tmp_path: Path) -> None:
     """`model.sdf` stood beside every model, and ended with exit code 2 without an inertia in kg m^2."""
     log = tmp_path / "flight.bin"
