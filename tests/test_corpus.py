@@ -58,6 +58,7 @@ def test_roll_and_pitch_gains_of_firmware_logs_are_within_six_per_cent(
     assert model.validation.held_out_s > 5.0
 
 
+@pytest.mark.thorough
 def test_a_system_id_run_on_roll_identifies_roll_and_refuses_the_rest(
     corpus: Path, analyzed: Analyzed
 ) -> None:
@@ -70,6 +71,7 @@ def test_a_system_id_run_on_roll_identifies_roll_and_refuses_the_rest(
     assert verdicts == {"roll": "usable", "pitch": "refused", "yaw": "refused"}
 
 
+@pytest.mark.thorough
 def test_default_logging_of_ardupilot_gives_yaw_at_most_and_names_the_bitmask_to_set(
     corpus: Path, analyzed: Analyzed
 ) -> None:

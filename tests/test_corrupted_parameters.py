@@ -49,6 +49,7 @@ DATAFLASH = ("sysid-quad-x.bin", dataflash_with)
 ULOG = ("products-of-inertia.ulg", ulog_with)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "damaged", "value"),
     [

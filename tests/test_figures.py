@@ -413,6 +413,7 @@ def test_the_third_octaves_of_the_response_lie_on_the_model_where_the_vehicle_mo
     assert (third_octaves.low < third_octaves.y).all()
 
 
+@pytest.mark.thorough
 def test_the_response_shades_the_band_that_was_fitted_and_says_who_chose_it() -> None:
     """0.3 to 5 Hz here, by default."""
     result = _simulated()

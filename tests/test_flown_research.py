@@ -135,6 +135,7 @@ def test_a_yaw_torque_that_answers_the_motion_is_refused_by_name(corpus: Path, a
     assert "QL516" in result.diagnosis.axes["yaw"].reasons
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", thorough_but(SLOW[:1], SLOW))
 def test_yaw_of_a_held_heading_in_a_slow_log_is_refused_by_name(
     corpus: Path, analyzed: Analyzed, name: str

@@ -98,6 +98,7 @@ def test_the_interval_holds_the_truth_whenever_it_is_shown(name: str, folder: Pa
     assert shown > 20
 
 
+@pytest.mark.thorough
 def test_intervals_shrink_while_the_flight_goes_on(folder: Path) -> None:
     """That is what the pilot watches."""
     widths = [figures.axes[0].half_width for figures in flown(scenario("doublets", folder)[0], 20)]

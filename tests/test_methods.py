@@ -404,6 +404,7 @@ def test_a_method_that_breaks_down_gives_no_number_and_the_others_go_on() -> Non
     assert "RuntimeError" in problem
 
 
+@pytest.mark.thorough
 def test_an_exported_data_set_holds_the_series_and_no_truth(one_short_flight: None, tmp_path: Path) -> None:
     """An entry repeats its number of samples and its root mean squares."""
     assert export.export(data_sets.sources(tmp_path, short=True), tmp_path / "out") == 1

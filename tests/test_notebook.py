@@ -57,6 +57,7 @@ def test_figures_are_ordinary_matplotlib_figures(drawn: dict[str, Any], tmp_path
     assert quadid_logs.matplotlib_figures(refused_result()) == {}
 
 
+@pytest.mark.thorough
 def test_figures_are_ordinary_plotly_figures(usable: Result, drawn: dict[str, Any]) -> None:
     """With colours in the place of roles, and as many traces as the report draws."""
     import plotly.graph_objects as go

@@ -124,6 +124,7 @@ def test_each_push_is_a_swing_of_its_own() -> None:
     assert found.axis == "yaw"
 
 
+@pytest.mark.thorough
 def test_only_the_swings_of_the_chosen_part_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The first of three pushes went wrong: the part after it holds two swings."""
     time_s, rate = pushed_thrice()

@@ -547,6 +547,7 @@ def test_no_gains_of_a_grid_that_keep_the_limits_reject_gusts_better_by_a_tenth(
         assert spare(following.margins(), GOOD) < 1.0
 
 
+@pytest.mark.thorough
 def test_an_integral_gain_keeps_what_trims_the_vehicle() -> None:
     """No spectrum of gusts shows a load off centre: without it, a quarter of I would reject gusts as well."""
     found = recommend(flown("px4"), GOOD, ["roll"], ranges=AS_FLOWN).axes["roll"]

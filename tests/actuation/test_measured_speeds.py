@@ -129,6 +129,7 @@ def test_a_thrust_stands_curve_goes_before_speeds() -> None:
     assert "ESC" not in prepared.torque.series.source
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("vehicle", [None, VEHICLE])
 def test_speeds_are_put_back_to_when_they_were_true(vehicle: Vehicle | None) -> None:
     """By the delay with which they follow the commands, to two samples."""
@@ -196,6 +197,7 @@ def test_two_sources_that_disagree_are_a_finding() -> None:
     assert "ESC" in said.advice
 
 
+@pytest.mark.thorough
 def test_two_sources_that_agree_are_no_finding_and_the_speeds_stay() -> None:
     """Their noise leaves a thousandth unexplained, and the effectiveness is the same."""
     prepared = read()

@@ -250,6 +250,7 @@ def test_speeds_computed_from_the_command_are_no_measurement(made: FlightLog) ->
     assert "zero or constant" in still.rotor_speed
 
 
+@pytest.mark.thorough
 def test_a_log_slower_than_its_loop_still_shows_where_the_mixer_limits() -> None:
     """Rows between those of RCOU differ where the command jumps, and no more than there."""
     flight = simulate("saturation", seed=2, rate_hz=125.0, duration_s=25.0)

@@ -39,6 +39,7 @@ def _with_outages(log: FlightLog, every_s: float, length_s: float) -> FlightLog:
     return replace(log, signals=signals)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sample", [thorough("sysid-quad-x.bin"), "betaflight-doublets.bbl"])
 def test_outages_of_44_ms_refuse_nothing_and_leave_the_truth_inside_the_intervals(sample: str) -> None:
     """5 % of the rows are missing."""

@@ -58,6 +58,7 @@ def test_no_parameter_makes_a_notch_that_is_no_number(name: str, value: float) -
         assert all(map(math.isfinite, notch))
 
 
+@pytest.mark.thorough
 def test_a_logged_speed_of_the_rotors_ends_the_doubt_and_costs_phase(tmp_path: Path) -> None:
     """A simulated flight's file: without a notch in its parameters, and with one."""
     path = tmp_path / "flight.ulg"

@@ -226,6 +226,7 @@ def test_no_figure_of_an_earlier_comparison_is_left_beside_another_one(
     assert {path.name for path in Path("out").iterdir()} == {"compare.json", "compare.html"}
 
 
+@pytest.mark.thorough
 def test_whole_and_cut_propellers_at_10_hz_allow_no_comparison(
     corpus: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

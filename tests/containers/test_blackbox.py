@@ -190,6 +190,7 @@ def test_logs_of_the_firmware_have_as_many_frames_as_were_counted(name: str, cor
     assert content.lost == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.corpus
 def test_a_damaged_log_of_the_firmware_keeps_every_row_that_was_not_touched(
     corpus: Path, tmp_path: Path

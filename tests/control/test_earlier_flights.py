@@ -170,6 +170,7 @@ def reasons(result: Result) -> list[str]:
     return [one.code for one in recommend(result, axes=["roll"], ranges=AS_FLOWN).axes["roll"].reasons]
 
 
+@pytest.mark.thorough
 def test_an_axis_that_gusts_hide_is_tuned_from_an_earlier_flight() -> None:
     assert left_to_earlier().verdict == "change"
 

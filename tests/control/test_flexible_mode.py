@@ -109,6 +109,7 @@ def test_torque_of_the_air_that_shakes_the_frame_does_not_hide_how_much_it_bends
     assert lowest_db(allowed(hover(loop, 40.0, air=air))) <= gain_margin_db(loop) + 1.0
 
 
+@pytest.mark.thorough
 def test_a_line_of_a_propeller_does_not_hide_a_mode_at_another_frequency() -> None:
     """Each third of an octave is looked at alone."""
     loop = loop_of(20.0, 0.01, 0.15)
@@ -153,6 +154,7 @@ def test_a_measured_response_without_a_skirt_rules_out_the_mode_above_it() -> No
     assert known > gain_margin_db(stiff) - 1.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mode", thorough_but([_HIGH], [_LOW, _MIDDLE, _HIGH]))
 def test_a_measured_response_hides_no_mode_whose_skirt_it_shows(mode: tuple[float, float, float]) -> None:
     loop = loop_of(*mode)

@@ -338,6 +338,7 @@ def test_no_time_at_all_and_no_end_at_all_are_refused(logs, tmp_path, capsys, li
     assert not (tmp_path / "store").exists()
 
 
+@pytest.mark.thorough
 def test_a_worker_with_another_version_stops_the_run(no_log, tmp_path, monkeypatch):
     """Its numbers would not fit the others."""
     monkeypatch.setattr("quadid_logs.fleets.run.Task", _old_task)

@@ -384,6 +384,7 @@ def test_a_torque_that_lag_and_delay_hardly_move_is_not_searched_with() -> None:
     assert search.least(start)[0] is start
 
 
+@pytest.mark.thorough
 def test_in_calm_air_lag_and_delay_stay_where_all_instruments_see_them(sticks: FlightData) -> None:
     """Nothing is there that an instrument could follow by chance."""
     (structure,) = (each for each in STRUCTURES if each.name == "damped")

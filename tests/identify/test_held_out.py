@@ -52,6 +52,7 @@ def models(flight: FlightData, design: Design) -> tuple[Model, Model]:
     return plain, pushed
 
 
+@pytest.mark.thorough
 def test_an_unmodelled_torque_in_held_out_blocks_shows_in_held_out_r2(models: tuple[Model, Model]) -> None:
     """Over all rows, most of which are fitted, R2 would stay above 0.5."""
     plain, pushed = models

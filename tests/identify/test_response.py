@@ -236,6 +236,7 @@ def test_slow_gusts_raise_the_lower_edge_of_the_band(model: Model) -> None:
     assert 1.0 < model.band.low_hz[0] <= 2.0
 
 
+@pytest.mark.thorough
 def test_the_gain_of_a_flight_in_slow_gusts_is_right_above_them(model: Model) -> None:
     """What is left of the gusts there costs some per cent."""
     assert np.abs(error_of(model)).max() < 0.04

@@ -40,6 +40,7 @@ def test_rotors_that_spin_up_and_down_at_different_rates_are_found_so(slow_motor
     assert actuator.lag_down_s == pytest.approx(0.070, abs=0.002)
 
 
+@pytest.mark.thorough
 def test_asymmetric_rotors_do_not_bias_the_effectiveness(flight: Simulation, slow_motors: Model) -> None:
     """A lag on the torque would leave 1.6 %."""
     truth = np.array(flight.truth["models"]["damped"]["B"])

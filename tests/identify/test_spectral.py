@@ -154,6 +154,7 @@ def test_lag_and_damping_are_those_of_the_vehicle(flown: list[tuple[SpectralFit,
     assert abs(np.median([fits[0].mean[1] for fits in flown]) - DAMPING[0]) < 0.6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", thorough_but([0], range(3)))
 def test_one_sweep_of_each_axis_tells_it_in_rough_air(seed: int) -> None:
     """To a tenth: each frequency passes once, in one axis at a time, and nobody moves a stick."""

@@ -223,6 +223,7 @@ def test_torque_that_is_lost_is_taken_out(seed: int, loss: Loss, names: set[str]
     assert all(_holds(fits[axis], axis) for axis in (0, 1))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("loss", [_dead, _limited], ids=["dead zone", "limit"])
 def test_the_form_of_an_effect_is_part_of_the_interval(loss: Loss) -> None:
     """Known to half of what the effect takes, in 95 of 100 flights."""
@@ -264,6 +265,7 @@ def test_where_no_moment_of_the_speed_is_seen_low_frequencies_count() -> None:
     assert calm.half_width < pitched_up.half_width
 
 
+@pytest.mark.thorough
 def test_a_fit_in_time_is_told_of_moments_that_it_knows_nothing_of() -> None:
     """By a third of what they widen the interval of the spectra, or more; without them of next to nothing."""
     calm, pitched_up = (_fits(2, gusts=0.2, per_speed=each)[0] for each in (0.0, 9.0))
@@ -327,6 +329,7 @@ def test_an_effectiveness_that_goes_with_the_throttle_is_taken_out() -> None:
     assert fits[0].variation == pytest.approx(np.std(throttle) / np.mean(throttle), abs=0.04)
 
 
+@pytest.mark.thorough
 def test_a_limit_of_one_axis_is_none_of_all() -> None:
     """What one axis does is explained by that axis: a variation of all would be seen on the others."""
     fits = fit_by_spectra(_fly(5, _limited_pitch, gusts=0.3))
@@ -348,6 +351,7 @@ def test_a_torque_from_another_time_has_a_negative_delay() -> None:
     assert fits[0].mean[2] + fits[0].mean[3] == pytest.approx(LAG_S - 4 * PERIOD_S, abs=0.006)
 
 
+@pytest.mark.thorough
 def test_without_rotors_their_dead_zone_is_not_asked() -> None:
     """A table holds torques only."""
     data = replace(_flown(0, _dead_rotors), input=None)

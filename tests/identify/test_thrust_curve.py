@@ -170,6 +170,7 @@ def test_inertia_follows_from_the_take_off_mass_whatever_the_firmware_believes()
     assert (truth <= np.diag(inertia.ci95_high)).all()
 
 
+@pytest.mark.thorough
 def test_an_unknown_expo_widens_the_inertia_that_follows_from_the_mass() -> None:
     """By what propellers differ in: more than a tenth to either side, and the truth is inside."""
     inertia = model(found("single-axis", VEHICLE)).inertia

@@ -208,6 +208,7 @@ OF_EACH_KIND = (
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.corpus
 @pytest.mark.parametrize(
     "corpus_log",

@@ -149,6 +149,7 @@ def test_dropped_rows_are_counted():
     assert 0.9 * expected < times.size < expected
 
 
+@pytest.mark.thorough
 def test_the_chirp_is_logged_while_it_runs():
     """SIDD exists during the manoeuvre only and is contained in the torque command."""
     simulation = simulate("single-axis", duration_s=30.0)
@@ -270,6 +271,7 @@ def test_the_six_term_truth_is_that_of_a_vehicle_without_products():
     )
 
 
+@pytest.mark.thorough
 def test_unallocated_torque_is_what_was_commanded_and_not_achieved():
     """On a vehicle short of thrust: positive where a positive command was cut."""
     log = simulate("saturation", seed=2, duration_s=20.0, autopilot="px4").log

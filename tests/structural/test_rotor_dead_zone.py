@@ -71,6 +71,7 @@ def test_the_level_is_that_of_the_rotors(autopilot: str) -> None:
     assert len(levels) == 1
 
 
+@pytest.mark.thorough
 def test_what_is_lost_at_most_is_more_than_what_is_likely() -> None:
     """On each axis."""
     model = flown("rotor-dead-zone", "ardupilot")[1].identification.recommended
