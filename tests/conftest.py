@@ -283,7 +283,7 @@ def stages_once(shelves: dict[str, Shelf]) -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def quick_multisines() -> Iterator[None]:
-    """Search for low peaks from one start and not from eleven, for tests to which any multisine will do."""
+    """Search for low peaks from one start and not from several, for tests to which any multisine will do."""
     from quadid_logs.maths import multisine
 
     with pytest.MonkeyPatch.context() as patched:
