@@ -14,10 +14,12 @@ from quadid_logs.data.controller import AxisController, DiscreteFilter, FlownCon
 from quadid_logs.data.diagnosis import AxisVerdict, Diagnosis, Finding
 from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription, Overview, Segment, SourceChoice
 from quadid_logs.data.health import (
+    AxisCommandNoise,
     AxisOscillation,
     AxisSteps,
     AxisTracking,
     Battery,
+    CommandNoise,
     Course,
     GyroSpectrum,
     Health,
@@ -157,6 +159,20 @@ def synthetic_health(sentence: str = "All is well.") -> Health:
             over_throttle=by_throttle,
             rotor_hz=np.linspace(80.0, 90.0, 20),
             may_be_folded=False,
+        ),
+        command_noise=CommandNoise(
+            sentence=sentence,
+            axes=dict.fromkeys(
+                AXES,
+                AxisCommandNoise(
+                    rms=Quantity(0.02, "1", normal=(0.0, 0.05)),
+                    terms={"P": Quantity(0.005, "1"), "D": Quantity(0.019, "1")},
+                    density=falling,
+                    term_densities={"P": 0.1 * falling, "D": 0.9 * falling},
+                ),
+            ),
+            above_hz=40.0,
+            frequency_hz=frequency_hz,
         ),
         motors=Motors(
             sentence=sentence,

@@ -42,6 +42,7 @@ from quadid_logs.control.torque_noise import (
     torque_noise,
     torque_spectrum,
 )
+from quadid_logs.data.catalogue import MOST_NOISE
 from quadid_logs.data.closed_loop import AxisLoop, LoopMargins, Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.diagnosis import Finding
@@ -81,8 +82,6 @@ _BACK_OFF: Final = 0.98
 _MOST_BACK_OFF: Final = 15
 #: A factor that does not reach the limits has to come nearer to them by this to be worth a flight.
 _BETTER: Final = 1.1
-#: Standard deviation of the command that gyro noise may make, of its full range: motors stay cool.
-MOST_NOISE: Final = 0.05
 #: Why gains are changed each by itself.
 _AS_TOLD_TITLE: Final = (
     "Change these gains: the flown gains leave too little margin in the model, and the next ones enough"

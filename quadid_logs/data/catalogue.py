@@ -47,6 +47,8 @@ _ENOUGH: Final = (
 
 #: A vehicle that is at its limits in more of the samples needs less from its pilot, not other gains (QL617).
 MOST_SATURATED: Final = 0.10
+#: Standard deviation of the command that gyro noise may make, of its full range: motors stay cool.
+MOST_NOISE: Final = 0.05
 #: Stands in advice for the motor that a finding is about; a list of steps puts its name there.
 THIS_MOTOR: Final = "this motor"
 

@@ -235,6 +235,45 @@ class Noise(Topic):
     may_be_folded: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisCommandNoise:
+    """How much of one axis' command is too fast for its loop.
+
+    Attributes
+    ----------
+    rms : Quantity
+        Of the output above ``CommandNoise.above_hz``, as a fraction of its range.
+    terms : mapping of str to Quantity
+        The same of its terms "P", "D" and "FF", as far as they are logged.
+    density : ndarray, shape (n_frequencies,)
+        Of the output [1/Hz].
+    term_densities : mapping of str to ndarray, shape (n_frequencies,)
+        [1/Hz]
+    """
+
+    rms: Quantity
+    terms: Mapping[str, Quantity]
+    density: FloatArray
+    term_densities: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class CommandNoise(Topic):
+    """Spectra of the rate controllers' output.
+
+    Attributes
+    ----------
+    axes : mapping of str to AxisCommandNoise
+    above_hz : float
+        No loop of a multirotor corrects anything that is faster.
+    frequency_hz : ndarray, shape (n_frequencies,)
+    """
+
+    axes: Mapping[str, AxisCommandNoise]
+    above_hz: float
+    frequency_hz: FloatArray
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Motors(Topic):
     """What the motors were sent in flight.
@@ -524,6 +563,7 @@ class Health:
     tilt: Course | None = None
     steps: Steps | None = None
     noise: Noise | None = None
+    command_noise: CommandNoise | None = None
     motors: Motors | None = None
     torque: Course | None = None
     throttle: Course | None = None
@@ -547,6 +587,7 @@ class Health:
             "tilt": self.tilt,
             "steps": self.steps,
             "noise": self.noise,
+            "command_noise": self.command_noise,
             "motors": self.motors,
             "torque": self.torque,
             "throttle": self.throttle,

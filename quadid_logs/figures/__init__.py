@@ -40,6 +40,7 @@ REGISTERED: Final = (
             "tilt",
             "step-response",
             "gyro-spectrum",
+            "command-spectrum",
             "spectrogram",
             "motors",
             "torque",

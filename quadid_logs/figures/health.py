@@ -8,7 +8,17 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import Overview
-from quadid_logs.data.health import AxisSteps, Course, GyroSpectrum, Health, Line, Map, Noise, Topic
+from quadid_logs.data.health import (
+    AxisSteps,
+    CommandNoise,
+    Course,
+    GyroSpectrum,
+    Health,
+    Line,
+    Map,
+    Noise,
+    Topic,
+)
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Curve, Figure, Heat, LeftOut, Level, Mark, Panel, Ribbon
@@ -81,6 +91,7 @@ def health_figures(result: Result) -> list[Figure | LeftOut]:
         "tilt": _course(health.tilt, "tilt"),
         "steps": steps,
         "noise": _spectrum(health, result.data.gyro_filter),
+        "command_noise": _command_spectrum(health.command_noise),
         "maps": _maps(health, result.data.gyro_filter),
         "motors": _motors(health),
         "torque": _course(health.torque, "torque"),
@@ -102,6 +113,7 @@ _KEYS: Final = {
     "tilt": "tilt",
     "steps": "step-response",
     "noise": "gyro-spectrum",
+    "command_noise": "command-spectrum",
     "maps": "spectrogram",
     "motors": "motors",
     "torque": "torque",
@@ -124,6 +136,7 @@ _TITLES: Final = {
     "tilt": "Tilt from the vertical",
     "steps": "Measured step response of the rates",
     "noise": "Spectra of the gyro, after its filters and before them",
+    "command_noise": "Spectra of the controller's output",
     "maps": "The gyro's spectrum over time and over throttle",
     "motors": "Motor commands",
     "torque": "Torque that the controller commanded",
@@ -292,6 +305,46 @@ def _line(label: str, frequency_hz: FloatArray, density: FloatArray, role: str) 
     density = density * float(np.degrees(1.0)) ** 2
     known = np.isfinite(density) & (density > 0.0)
     x, y = thin_line(frequency_hz[known], density[known], _MOST_POINTS)
+    return Curve(label=label, x=x, y=y, role=role)
+
+
+def _command_spectrum(noise: CommandNoise | None) -> Figure | None:
+    """Show what goes to the mixer, and the terms that it is the sum of."""
+    if noise is None:
+        return None
+    terms = any(one.term_densities for one in noise.axes.values())
+    said = " The terms add up to the output, with I, which passes no noise." if terms else ""
+    return Figure(
+        key=_KEYS["command_noise"],
+        title=_TITLES["command_noise"],
+        caption=(
+            f"{_said(noise)} The output goes to the mixer and from there to the motors.{said} Right of the "
+            "line, it only heats them."
+        ),
+        panels=tuple(
+            Panel(
+                title=axis.capitalize(),
+                x=Axis(label="frequency", unit="Hz", log=True),
+                y=Axis(label="output density", unit="%²/Hz", log=True),
+                curves=(
+                    *(
+                        _percent(name, noise.frequency_hz, each, role)
+                        for (name, each), role in zip(one.term_densities.items(), _ROLES[1:], strict=False)
+                    ),
+                    _percent("output", noise.frequency_hz, one.density, "measured"),
+                ),
+                levels=(Level(value=noise.above_hz, role="muted", along="x"),),
+                note=f"{number(100.0 * one.rms.value, 2)} % rms above {noise.above_hz:g} Hz",
+            )
+            for axis, one in noise.axes.items()
+        ),
+        columns=3,
+    )
+
+
+def _percent(label: str, frequency_hz: FloatArray, density: FloatArray, role: str) -> Curve:
+    known = density > 0.0
+    x, y = thin_line(frequency_hz[known], 1e4 * density[known], _MOST_POINTS)
     return Curve(label=label, x=x, y=y, role=role)
 
 

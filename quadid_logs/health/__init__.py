@@ -13,6 +13,7 @@ from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.health import Health, Standstill
 from quadid_logs.health.battery import find_battery
+from quadid_logs.health.command_noise import find_command_noise
 from quadid_logs.health.commanded import Commanded, commanded_thrust
 from quadid_logs.health.course import (
     find_rates,
@@ -50,6 +51,10 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
         "the set-points do not explain the rates, or are logged too slowly",
     ),
     "noise": (("body_rate",), "the flight is too short for a spectrum"),
+    "command_noise": (
+        ("torque_command",),
+        "it is logged too slowly to show noise, or the flight is too short for a spectrum",
+    ),
     "motors": (("outputs",), "the log does not say which outputs drive the motors, or they never change"),
     "vibration": (("specific_force",), "it is logged too slowly, or the flight is too short"),
     "throttle": (("throttle",), "it was hardly logged in flight, or never changes"),
@@ -135,6 +140,9 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         "throttle": None if throttle is None else find_throttle(throttle, intervals),
         "steps": find_steps(responses),
         "noise": find_noise(gyros, asked, throttle, speed, intervals, oscillations_hz),
+        "command_noise": None
+        if output is None
+        else find_command_noise(output, prepared.log.controller_terms, prepared.clean.clock, intervals),
         "motors": None if outputs is None else find_motors(outputs, prepared.log.torque, intervals),
         "vibration": find_vibration(
             series, prepared.candidates.get("accelerometer_clips", ()), intervals, prepared.candidates

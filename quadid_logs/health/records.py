@@ -1,4 +1,4 @@
-"""Gap-free segments of a log's flights on a uniform grid, no more of them than say what they can say."""
+"""Gap-free segments of a log's flights, row by row, no more of them than say what they can say."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from quadid_logs.align.series import GAP_PERIODS, CleanSeries, Interval
 from quadid_logs.arrays import FloatArray
+from quadid_logs.maths.moving_mean import moving_mean
 
 #: A quarter of an hour at 100 Hz, two minutes at 1 kHz: more of a flight changes no figure that is shown.
 MOST_SAMPLES: Final = 120_000
@@ -20,8 +21,14 @@ _FEWEST_SEGMENTS: Final = 3
 _SHORTEST_S: Final = 2.0
 
 
+#: A log is regular if nine of ten steps are whole periods, to a quarter: then its own rows are the samples.
+_REGULAR, _WHOLE = 0.9, 0.25
+#: Stamps drift by what the clock of a log's period is off; over so many rows jitter averages out.
+_DRIFT_ROWS: Final = 65
+
+
 class Record(NamedTuple):
-    """A segment: ``time_s`` (n_samples,) uniform, ``values`` (n_samples, n_columns)."""
+    """A segment: ``time_s`` (n_samples,) even but for drift, ``values`` (n_samples, n_columns)."""
 
     time_s: FloatArray
     values: FloatArray
@@ -34,7 +41,10 @@ def records(
     *,
     shortest_s: float = _SHORTEST_S,
 ) -> tuple[list[Record], float]:
-    """Put series side by side on the grid of the slowest, where none of them pauses.
+    """Put series side by side at the times of the slowest's rows, where none of them pauses.
+
+    Between two rows values are interpolated, which takes three decibels and more from the upper half of a
+    spectrum. So the grid follows the rows where these come evenly, and takes out their jitter only.
 
     Parameters
     ----------
@@ -52,7 +62,8 @@ def records(
     period_s : float
         Of the grid; NaN where a series has fewer than two samples.
     """
-    period_s = max(one.period_s for one in several)
+    slowest = max(several, key=lambda one: one.period_s)
+    period_s = slowest.period_s
     if not all(one.period_s > 0.0 for one in several):
         return [], float("nan")
     spans = list(intervals)
@@ -61,8 +72,7 @@ def records(
     spans = [span for span in spans if span[1] - span[0] >= shortest_s]
     found = []
     for start_s, end_s in _spread(spans, most * period_s, shortest_s):
-        n_samples = int((end_s - start_s) / period_s + 1e-6) + 1
-        grid = start_s + period_s * np.arange(n_samples, dtype=np.float64)
+        grid = _grid(slowest, start_s, end_s)
         columns = [one for series in several for one in _on_grid(series, grid)]
         found.append(Record(grid, np.asarray(np.column_stack(columns), dtype=np.float64)))
     return found, period_s
@@ -94,6 +104,20 @@ def _spread(spans: Sequence[Interval], longest_s: float, shortest_s: float) -> l
         begins = start_s + step_s * np.arange(int((end_s - start_s) / step_s) + 1)
         kept += [(float(begin), min(float(begin) + segment_s, end_s)) for begin in begins]
     return [(start_s, end_s) for start_s, end_s in kept if end_s - start_s >= shortest_s]
+
+
+def _grid(series: CleanSeries, start_s: float, end_s: float) -> FloatArray:
+    """Return times a period apart: those of the rows without their jitter, if these come evenly."""
+    time_s, period_s = series.time_s[series.within(start_s, end_s)], series.period_s
+    steps = np.diff(time_s) / period_s
+    whole = np.maximum(np.round(steps), 1.0)
+    if steps.size < _DRIFT_ROWS or np.mean(np.abs(steps - whole) <= _WHOLE) < _REGULAR:
+        n_samples = int((end_s - start_s) / period_s + 1e-6) + 1
+        return np.asarray(start_s + period_s * np.arange(n_samples, dtype=np.float64))
+    row = np.append(0.0, np.cumsum(whole))
+    number = np.arange(row[-1] + 1.0)
+    drift_s = np.interp(number, row, time_s - period_s * row)
+    return np.asarray(period_s * number + moving_mean(drift_s, _DRIFT_ROWS, beyond="edge"))
 
 
 def _on_grid(series: CleanSeries, grid: FloatArray) -> Iterator[FloatArray]:

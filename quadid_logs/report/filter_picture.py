@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from quadid_logs.control.recommend import MOST_NOISE
+from quadid_logs.data.catalogue import MOST_NOISE
 from quadid_logs.data.tuning import AxisTuning
 from quadid_logs.report.numbers import number
 from quadid_logs.report.picture import WIDTH, Picture, Scale

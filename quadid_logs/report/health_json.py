@@ -10,6 +10,7 @@ import numpy as np
 
 from quadid_logs.data.health import (
     Battery,
+    CommandNoise,
     Course,
     GyroSpectrum,
     Health,
@@ -45,6 +46,7 @@ def health_dict(health: Health) -> dict[str, Any]:
             None if first is None else {key: first[key] for key in ("sentence", "level", "findings")} | found
         ),
         "noise": _topic(health.noise, _noise),
+        "command_noise": _topic(health.command_noise, _command_noise),
         "filters": None,
         "vibration": _topic(health.vibration, _vibration),
         "motors": _topic(health.motors, _motors),
@@ -163,6 +165,19 @@ def _noise(noise: Noise) -> dict[str, Any]:
         "before_filters": _spectrum(noise.before),
         "may_be_folded": noise.may_be_folded,
         "lines": {axis: [_line(line) for line in found] for axis, found in noise.lines.items()},
+    }
+
+
+def _command_noise(noise: CommandNoise) -> dict[str, Any]:
+    return {
+        "above": _quantity(Quantity(noise.above_hz, "Hz")),
+        "axes": {
+            axis: {
+                "rms": _quantity(one.rms),
+                "terms": {name: _quantity(each) for name, each in one.terms.items()},
+            }
+            for axis, one in noise.axes.items()
+        },
     }
 
 

@@ -26,6 +26,7 @@ TOPICS: Final = {
     "tilt": "Tilt",
     "steps": "Step response",
     "noise": "Gyro noise",
+    "command_noise": "Command noise",
     "motors": "Motors",
     "torque": "Steady torque",
     "throttle": "Throttle",

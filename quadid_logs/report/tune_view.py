@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.autopilots import named
-from quadid_logs.control.recommend import MOST_NOISE
 from quadid_logs.control.room import has_way_back, missed, whole
 from quadid_logs.data.autotune import AutotuneForecast
+from quadid_logs.data.catalogue import MOST_NOISE
 from quadid_logs.data.closed_loop import Estimated, Margins
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.off_nominal import OFF_NOMINAL

@@ -14,7 +14,17 @@ from quadid_logs.report.health_view import health_lines, health_view
 from tests.health.flights import grid, series
 from tests.synthetic_results import refused_result, synthetic_health, usable_result
 
-TOPICS = {"tracking", "noise", "filters", "vibration", "motors", "battery", "oscillation", "rotors"}
+TOPICS = {
+    "tracking",
+    "noise",
+    "command_noise",
+    "filters",
+    "vibration",
+    "motors",
+    "battery",
+    "oscillation",
+    "rotors",
+}
 
 
 def test_the_json_has_every_topic_of_the_contract() -> None:
@@ -68,6 +78,7 @@ def test_a_log_without_a_flight_says_so_once() -> None:
             "attitude",
             "steps",
             "noise",
+            "command_noise",
             "motors",
             "throttle",
             "vibration",
