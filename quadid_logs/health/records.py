@@ -25,6 +25,8 @@ _SHORTEST_S: Final = 2.0
 _REGULAR, _WHOLE = 0.9, 0.25
 #: Stamps drift by what the clock of a log's period is off; over so many rows jitter averages out.
 _DRIFT_ROWS: Final = 65
+#: A part in which they drift by more has another rate, and lines at other frequencies.
+_MOST_DRIFT: Final = 0.01
 
 
 class Record(NamedTuple):
@@ -62,17 +64,17 @@ def records(
     period_s : float
         Of the grid; NaN where a series has fewer than two samples.
     """
-    slowest = max(several, key=lambda one: one.period_s)
-    period_s = slowest.period_s
     if not all(one.period_s > 0.0 for one in several):
         return [], float("nan")
+    slowest = max(several, key=lambda one: one.period_s)
     spans = list(intervals)
     for series in several:
         spans = [part for span in spans for part in _without_pauses(series, span)]
     spans = [span for span in spans if span[1] - span[0] >= shortest_s]
+    period_s = _row_period_s(slowest, spans)
     found = []
     for start_s, end_s in _spread(spans, most * period_s, shortest_s):
-        grid = _grid(slowest, start_s, end_s)
+        grid = _grid(slowest, start_s, end_s, period_s)
         columns = [one for series in several for one in _on_grid(series, grid)]
         found.append(Record(grid, np.asarray(np.column_stack(columns), dtype=np.float64)))
     return found, period_s
@@ -106,14 +108,29 @@ def _spread(spans: Sequence[Interval], longest_s: float, shortest_s: float) -> l
     return [(start_s, end_s) for start_s, end_s in kept if end_s - start_s >= shortest_s]
 
 
-def _grid(series: CleanSeries, start_s: float, end_s: float) -> FloatArray:
-    """Return times a period apart: those of the rows without their jitter, if these come evenly."""
-    time_s, period_s = series.time_s[series.within(start_s, end_s)], series.period_s
-    steps = np.diff(time_s) / period_s
+def _row_period_s(series: CleanSeries, spans: Sequence[Interval]) -> float:
+    """Return the time between rows that come evenly, lost ones counted; else the typical period."""
+    parts = [series.time_s[series.within(*span)] for span in spans]
+    steps = np.concatenate([np.zeros(0), *(np.diff(one) for one in parts)])
+    if not steps.size:
+        return series.period_s
+    whole = _whole(steps / np.median(steps))
+    return series.period_s if whole is None else float(steps.sum() / whole.sum())
+
+
+def _whole(steps: FloatArray) -> FloatArray | None:
+    """Return how many periods each step takes; None where they are no whole ones."""
     whole = np.maximum(np.round(steps), 1.0)
-    if steps.size < _DRIFT_ROWS or np.mean(np.abs(steps - whole) <= _WHOLE) < _REGULAR:
-        n_samples = int((end_s - start_s) / period_s + 1e-6) + 1
-        return np.asarray(start_s + period_s * np.arange(n_samples, dtype=np.float64))
+    return whole if np.mean(np.abs(steps - whole) <= _WHOLE) >= _REGULAR else None
+
+
+def _grid(series: CleanSeries, start_s: float, end_s: float, period_s: float) -> FloatArray:
+    """Return times a period apart: those of the rows without their jitter, if these come evenly."""
+    time_s = series.time_s[series.within(start_s, end_s)]
+    whole = _whole(np.diff(time_s) / period_s) if time_s.size > _DRIFT_ROWS else None
+    span_s = end_s - start_s
+    if whole is None or abs(whole.sum() * period_s - span_s) > _MOST_DRIFT * span_s:
+        return np.asarray(start_s + period_s * np.arange(int(span_s / period_s + 1e-6) + 1, dtype=np.float64))
     row = np.append(0.0, np.cumsum(whole))
     number = np.arange(row[-1] + 1.0)
     drift_s = np.interp(number, row, time_s - period_s * row)
