@@ -52,6 +52,12 @@ def test_a_clock_that_is_a_little_off_costs_no_power(period_s: float) -> None:
     assert upper_half(spectrum(at(time_s, white(0)))) == pytest.approx(1.0, abs=0.03)
 
 
+def test_a_clock_whose_rate_changes_costs_no_power() -> None:
+    """A loop takes longer while something else is at work: 22 rows late after half a minute."""
+    time_s = 3.0 + np.cumsum(np.where(np.arange(N) < N // 2, 0.002, 0.002006))
+    assert upper_half(spectrum(at(time_s, white(4)))) == pytest.approx(1.0, abs=0.03)
+
+
 def test_parts_of_a_long_flight_begin_at_rows() -> None:
     """They are spread over the flight without a look at its rows."""
     time_s = 3.0 + np.arange(N) / RATE_HZ
