@@ -84,6 +84,7 @@ def identified() -> Identification:
     return identify(flight(), IdentifySettings())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
 def test_margins_from_an_identified_model_are_those_of_the_loop_that_flew(
     identified: Identification, axis: str

@@ -16,10 +16,10 @@ from quadid_logs.simulator import fly, plan_flights
 from quadid_logs.simulator.logger import log_flights
 from quadid_logs.simulator.scenarios import SCENARIOS
 from quadid_logs.simulator.truth import flight_truth
-from tests.marks import thorough
 
 
-@pytest.mark.parametrize("seed", [thorough(1), 7])
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [1, 7])
 def test_one_tone_an_axis_holds_lag_and_effectiveness(seed: int) -> None:
     """How a tone begins and ends is no second frequency, in calm air neither."""
     scenario = replace(SCENARIOS["single-tone"], duration_s=40.0)

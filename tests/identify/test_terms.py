@@ -51,6 +51,7 @@ def test_a_new_term_is_fitted_where_a_structure_lists_it(dragged: dict[str, Mode
     assert found.unit == "1"
 
 
+@pytest.mark.thorough
 def test_a_new_term_takes_from_the_others_what_is_its_own(dragged: dict[str, Model]) -> None:
     """Without it the drag passes for damping."""
     with_drag, without = (dragged[name].entries["p_dot", "p"].value for name in (WITH_DRAG.name, "damped"))

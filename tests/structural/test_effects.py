@@ -175,6 +175,7 @@ def test_a_rate_setpoint_is_no_torque() -> None:
         assert result.diagnosis.axes[axis].verdict == "refused"
 
 
+@pytest.mark.thorough
 def test_a_torque_computed_from_the_rates_is_refused() -> None:
     """It explains them perfectly."""
     flight = flown()["clean"]
