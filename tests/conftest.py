@@ -44,7 +44,6 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproduci
 #: The test files that take longest, most first: what begins last decides when the suite ends.
 LONGEST_FIRST = (
     "report/test_browser.py",
-    "report/test_accessibility.py",
     "test_tuning.py",
     "fleet/test_run.py",
     "test_directions.py",
@@ -91,7 +90,6 @@ LONGEST_FIRST = (
     "test_docs.py",
     "test_pool.py",
     "simulate/test_simulate.py",
-    "identify/test_velocity_terms.py",
     "api/test_verbs.py",
     "simulate/test_effects.py",
     "control/test_outer_loops.py",

@@ -57,6 +57,7 @@ def models() -> dict[str, Model]:
     return {model.structure: model for model in found}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("target", "term", "truth"),
     [("q_dot", "vx", PITCHED), ("p_dot", "vy", ROLLED), ("p_dot", "vx", 0.0), ("r_dot", "vx", 0.0)],
@@ -68,6 +69,7 @@ def test_a_moment_by_speed_is_found(models: dict[str, Model], target: str, term:
     assert high - low < 0.6
 
 
+@pytest.mark.thorough
 def test_speed_that_is_a_term_explains_what_was_a_disturbance(models: dict[str, Model]) -> None:
     """Of the acceleration of roll and pitch nearly all, where the torque alone explains part."""
     with_speed, without = (models[name].validation.r2_acceleration for name in (OWN.name, "damped"))
@@ -76,6 +78,7 @@ def test_speed_that_is_a_term_explains_what_was_a_disturbance(models: dict[str, 
         assert without[target] < 0.9
 
 
+@pytest.mark.thorough
 def test_effectiveness_is_right_where_speed_is_a_term(models: dict[str, Model]) -> None:
     """And its interval holds it."""
     for target, torque in (("p_dot", "L"), ("q_dot", "M")):

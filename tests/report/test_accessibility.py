@@ -30,6 +30,7 @@ from tests.test_repeat import flights
 
 pytestmark = [
     pytest.mark.browser,
+    pytest.mark.thorough,
     pytest.mark.skipif(chromium.PATH is None, reason="no Chromium on this machine"),
 ]
 
