@@ -118,9 +118,12 @@ class AxisSteps:
     split_rad_s : float
         Largest set-point of a window that parts small from large.
     overshoot : Quantity
-        Highest value above that of ``ideal``, as a fraction of the step.
+        Highest value above that of ``ideal``, as a fraction of the step; of small set-points where large ones
+        overshoot differently.
     half_time : Quantity
-        When half of the step is reached [s].
+        When half of the step is reached, by the same set-points [s].
+    overshoot_large : Quantity or None
+        Of large set-points, where their interval and that of the small ones do not overlap.
     """
 
     time_s: FloatArray
@@ -129,6 +132,7 @@ class AxisSteps:
     split_rad_s: float
     overshoot: Quantity
     half_time: Quantity
+    overshoot_large: Quantity | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

@@ -147,7 +147,11 @@ def find_steps(responses: dict[str, Response]) -> Steps | None:
     if not axes:
         return None
     late = ", ".join(f"{axis} {1e3 * one.half_time.value:.0f} ms" for axis, one in axes.items())
-    over = ", ".join(f"{axis} {max(0.0, 100.0 * one.overshoot.value):.0f} %" for axis, one in axes.items())
+    over = ", ".join(
+        f"{axis} {_percent(one.overshoot)}"
+        + ("" if one.overshoot_large is None else f" (large steps {_percent(one.overshoot_large)})")
+        for axis, one in axes.items()
+    )
     high = [axis for axis, one in axes.items() if one.overshoot.value > _OVERSHOOT]
     level: Level = "high" if high else "normal"
     limit = f"{100.0 * _OVERSHOOT:.0f} %, the overshoot of a loop with 45 degrees of phase margin"
@@ -155,6 +159,10 @@ def find_steps(responses: dict[str, Response]) -> Steps | None:
     judged = f"{whose}more than the normal {limit}" if high else f"which is normal (below {limit})"
     told = f"Time to half of a step: {late}. Overshoot: {over}, {judged}."
     return Steps(sentence=told, level=level, axes=axes)
+
+
+def _percent(overshoot: Quantity) -> str:
+    return f"{max(0.0, 100.0 * overshoot.value):.0f} %"
 
 
 def _windows(pairs: _Pairs, period_s: float, late: int = 0) -> _Windows | None:
@@ -210,15 +218,30 @@ def _response(pairs: _Pairs, period_s: float) -> Response | None:
     told = [_shown(size, chosen, curve) for size, chosen, curve in parts if curve and curve.known]
     if windows.period_s > _SLOWEST_S or not whole.known:
         return Response(lag, None)
+    # Large steps meet limits, and have most of the power: they would hide what the loop does to small ones.
+    small, large_ones = (
+        next((curve for size, _, curve in parts if size == wanted and curve and curve.known), None)
+        for wanted in ("small", "large")
+    )
+    differ = small is not None and large_ones is not None and _apart(small.overshoot, large_ones.overshoot)
+    judged = small if small is not None and differ else whole
     steps = AxisSteps(
         time_s=_times(windows),
         ideal=whole.ideal,
         curves=tuple(told if len(told) == 2 else curves),
         split_rad_s=split,
-        overshoot=whole.overshoot,
-        half_time=whole.half_s,
+        overshoot=judged.overshoot,
+        half_time=judged.half_s,
+        overshoot_large=large_ones.overshoot if large_ones is not None and differ else None,
     )
     return Response(lag, steps)
+
+
+def _apart(one: Quantity, other: Quantity) -> bool:
+    """Tell whether the intervals of two quantities do not overlap."""
+    if one.ci95 is None or other.ci95 is None:
+        return False
+    return one.ci95[1] < other.ci95[0] or other.ci95[1] < one.ci95[0]
 
 
 def _shown(size: _Size, chosen: BoolArray, curve: _Curve) -> StepCurve:

@@ -102,6 +102,7 @@ def _steps(steps: Steps) -> dict[str, Any]:
             axis: {
                 "half_time": _quantity(one.half_time),
                 "overshoot": _quantity(one.overshoot),
+                "overshoot_large": None if one.overshoot_large is None else _quantity(one.overshoot_large),
                 "split": _quantity(Quantity(one.split_rad_s, "rad/s")),
                 "windows": {curve.size: curve.n_windows for curve in one.curves},
             }

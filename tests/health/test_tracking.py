@@ -42,10 +42,12 @@ def test_the_step_response_of_a_first_order_loop_is_measured() -> None:
         assert one.overshoot.value < 0.05
 
 
-def second_order(frequency_hz: float, damping: float, lag_s: float, asked_hz: float, noise: float = 0.0):
+def second_order(
+    frequency_hz: float, damping: float, lag_s: float, asked_hz: float, noise: float = 0.0, most: float = 9.0
+):
     """Return a flight whose loop is of second order, behind set-points that end at `asked_hz`."""
     t = grid(400.0)
-    asked = coloured(1, t.size, 400.0, asked_hz)
+    asked = np.clip(coloured(1, t.size, 400.0, asked_hz), -most, most)
     s = 2j * np.pi * np.fft.rfftfreq(t.size, 1.0 / 400.0)
     w = 2.0 * np.pi * frequency_hz
     response = np.exp(-lag_s * s) * w**2 / (s**2 + 2.0 * damping * w * s + w**2)
@@ -66,6 +68,27 @@ def test_an_overshooting_loop_is_seen_to_overshoot(
     for one in found.values():
         assert one.steps is not None
         assert one.steps.overshoot.value == pytest.approx(0.254, abs=0.05)
+
+
+def test_small_steps_are_judged_where_large_ones_meet_a_limit() -> None:
+    """Half of the flight asks for ten times as much, and there the loop has no overshoot."""
+    (calm, asked, _), (limited, fast, _) = (
+        second_order(4.0, damping, 0.006, 6.0, 0.002, most=0.3) for damping in (0.4, 1.0)
+    )
+    step_s = float(calm.time_s[1] - calm.time_s[0])
+    t = step_s * np.arange(2 * calm.time_s.size)
+    rates = np.concatenate([0.1 * calm.values, limited.values])
+    setpoint = np.concatenate([0.1 * asked.values, fast.values])
+    found = find_responses(
+        series("body_rate", t, rates), series("body_rate_setpoint", t, setpoint), ((t[0], t[-1]),)
+    )
+    told = find_steps(found)
+    assert told is not None
+    for one in told.axes.values():
+        assert one.overshoot_large is not None
+        assert one.overshoot.value == pytest.approx(0.254, abs=0.06)
+        assert one.overshoot_large.value == pytest.approx(0.0, abs=0.05)
+    assert "(large steps" in told.sentence
 
 
 def test_a_slow_loop_reaches_half_of_a_step_when_it_does() -> None:
