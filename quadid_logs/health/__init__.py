@@ -28,7 +28,7 @@ from quadid_logs.health.noise import find_noise
 from quadid_logs.health.oscillation import find_oscillation
 from quadid_logs.health.rotors import find_rotors
 from quadid_logs.health.standstill import find_standstill
-from quadid_logs.health.steps import find_angle_lags, find_responses, find_steps
+from quadid_logs.health.steps import find_angle_lags, find_responses, find_steps, without_chirp
 from quadid_logs.health.tracking import find_tracking
 from quadid_logs.health.vibration import find_vibration
 from quadid_logs.numerals import number
@@ -115,7 +115,9 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     # Where a trajectory asks for rates, set-points only feed forward beside the attitude's error: one law.
     rate_loop = "reference_rate" not in series
     followed = asked if rate_loop else None
-    responses = {} if rate is None or followed is None else find_responses(rate, followed, intervals)
+    # What a system-ID mode injects moves the vehicle past the set-points, which then answer it.
+    undisturbed = without_chirp(intervals, series.get("sysid_chirp"))
+    responses = {} if rate is None or followed is None else find_responses(rate, followed, undisturbed)
     lags = {axis: response.lag for axis, response in responses.items()}
     oscillation = (
         None

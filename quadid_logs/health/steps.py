@@ -45,6 +45,8 @@ _LARGE: Final = 0.5
 _OVERSHOOT: Final = 0.2
 
 
+#: A chirp that is silent for longer is over [s].
+_APART_S: Final = 1.0
 #: No log has samples closer together [s].
 _LEAST_S: Final = 1e-5
 
@@ -107,6 +109,33 @@ def find_responses(
     return responses
 
 
+def without_chirp(intervals: Sequence[Interval], chirp: CleanSeries | None) -> tuple[Interval, ...]:
+    """Return the parts of intervals in which no system-ID mode injects a signal.
+
+    Parameters
+    ----------
+    intervals : sequence of (start_s, end_s)
+    chirp : CleanSeries or None
+        What it injects; zero, or not logged, where it does not run.
+    """
+    if chirp is None:
+        return tuple(intervals)
+    running_s = chirp.time_s[np.any(chirp.values != 0.0, axis=1)]
+    if not running_s.size:
+        return tuple(intervals)
+    breaks = np.flatnonzero(np.diff(running_s) > _APART_S)
+    begins, ends = running_s[np.append(0, breaks + 1)], running_s[np.append(breaks, -1)]
+    free = list(intervals)
+    for begin_s, end_s in zip(begins.tolist(), ends.tolist(), strict=True):
+        free = [
+            part
+            for start_s, stop_s in free
+            for part in ((start_s, min(stop_s, begin_s)), (max(start_s, end_s), stop_s))
+            if part[1] > part[0]
+        ]
+    return tuple(free)
+
+
 def find_angle_lags(
     angle: CleanSeries, setpoint: CleanSeries, intervals: Sequence[Interval]
 ) -> dict[str, Quantity]:
@@ -152,17 +181,28 @@ def find_steps(responses: dict[str, Response]) -> Steps | None:
         + ("" if one.overshoot_large is None else f" (large steps {_percent(one.overshoot_large)})")
         for axis, one in axes.items()
     )
-    high = [axis for axis, one in axes.items() if one.overshoot.value > _OVERSHOOT]
-    level: Level = "high" if high else "normal"
+    above = [axis for axis, one in axes.items() if one.overshoot.value > _OVERSHOOT]
+    # Judged where the whole interval is above.
+    surely = [axis for axis in above if _lowest(axes[axis].overshoot) > _OVERSHOOT]
+    high = surely or above
+    level: Level = "high" if surely else "fact" if above else "normal"
     limit = f"{100.0 * _OVERSHOOT:.0f} %, the overshoot of a loop with 45 degrees of phase margin"
     whose = "" if len(high) == len(axes) else f"on {listed(high)} "
-    judged = f"{whose}more than the normal {limit}" if high else f"which is normal (below {limit})"
+    more = "more than" if surely else "possibly more than"
+    judged = f"{whose}{more} the normal {limit}" if high else f"which is normal (below {limit})"
     told = f"Time to half of a step: {late}. Overshoot: {over}, {judged}."
     return Steps(sentence=told, level=level, axes=axes)
 
 
+def _lowest(overshoot: Quantity) -> float:
+    return overshoot.value if overshoot.ci95 is None else overshoot.ci95[0]
+
+
 def _percent(overshoot: Quantity) -> str:
-    return f"{max(0.0, 100.0 * overshoot.value):.0f} %"
+    value = f"{max(0.0, 100.0 * overshoot.value):.0f}"
+    if overshoot.ci95 is None:
+        return f"{value} %"
+    return f"{value} ± {50.0 * (overshoot.ci95[1] - overshoot.ci95[0]):.0f} %"
 
 
 def _windows(pairs: _Pairs, period_s: float, late: int = 0) -> _Windows | None:

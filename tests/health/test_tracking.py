@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.data.health import AxisSteps, Quantity
-from quadid_logs.health.steps import Response, find_angle_lags, find_responses, find_steps
+from quadid_logs.health.steps import Response, find_angle_lags, find_responses, find_steps, without_chirp
 from quadid_logs.health.tracking import find_tracking
 from tests.health.flights import coloured, delayed, grid, series
 
@@ -70,6 +70,18 @@ def test_an_overshooting_loop_is_seen_to_overshoot(
         assert one.steps.overshoot.value == pytest.approx(0.254, abs=0.05)
 
 
+def test_a_step_response_leaves_out_where_a_system_id_mode_injects() -> None:
+    """From 20 to 30 s, with a pause of half a second in it, and from 40 to 50 s."""
+    t = grid(100.0, 60.0)
+    running = ((t >= 20.0) & (t <= 30.0)) | ((t >= 40.0) & (t <= 50.0))
+    running &= ~((t > 24.0) & (t < 24.5))
+    values = np.where(running, 0.1, 0.0)[:, np.newaxis]
+    left = without_chirp(((10.0, 55.0),), series("sysid_chirp", t, values))
+    assert np.array(left) == pytest.approx(np.array([[10.0, 20.0], [30.0, 40.0], [50.0, 55.0]]), abs=0.02)
+    assert without_chirp(((10.0, 55.0),), None) == ((10.0, 55.0),)
+    assert without_chirp(((10.0, 55.0),), series("sysid_chirp", t, 0.0 * values)) == ((10.0, 55.0),)
+
+
 def test_small_steps_are_judged_where_large_ones_meet_a_limit() -> None:
     """Half of the flight asks for ten times as much, and there the loop has no overshoot."""
     (calm, asked, _), (limited, fast, _) = (
@@ -101,14 +113,14 @@ def test_a_slow_loop_reaches_half_of_a_step_when_it_does() -> None:
 def test_of_three_axes_the_one_that_overshoots_is_named() -> None:
     """ "roll 5 %, pitch 21 %, yaw 5 %, more than the normal 20 %"."""
 
-    def axis(overshoot: float) -> Response:
+    def axis(overshoot: float, known_within: float = 0.004) -> Response:
         t = np.linspace(0.0, 0.5, 50)
         steps = AxisSteps(
             time_s=t,
             ideal=np.ones_like(t),
             curves=(),
             split_rad_s=0.0,
-            overshoot=Quantity(overshoot, "1"),
+            overshoot=Quantity(overshoot, "1", (overshoot - known_within, overshoot + known_within)),
             half_time=Quantity(0.02, "s"),
         )
         return Response(Quantity(0.01, "s"), steps)
@@ -119,7 +131,11 @@ def test_of_three_axes_the_one_that_overshoots_is_named() -> None:
     assert "on pitch more than the normal 20 %" in found.sentence
     every = find_steps({"roll": axis(0.3)})
     assert every is not None
-    assert "roll 30 %, more than the normal 20 %" in every.sentence
+    assert "roll 30 ± 0 %, more than the normal 20 %" in every.sentence
+    unsure = find_steps({"roll": axis(0.23, 0.09), "pitch": axis(0.05)})
+    assert unsure is not None
+    assert unsure.level == "fact"
+    assert "roll 23 ± 9 %, pitch 5 ± 0 %, on roll possibly more than the normal 20 %" in unsure.sentence
 
 
 def test_set_points_that_answer_the_rate_tell_no_response() -> None:
