@@ -627,7 +627,6 @@ def true_margins(corpus: Path, name: str, axis: str, **changes: float) -> Margin
     return margins_of(frequency_hz, loop.rate, integrators(controller), np.array([False]), 1e9)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("name", [STICKS, thorough(CHIRP)])
 def test_the_true_vehicles_margins_are_inside_the_intervals(

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from quadid_logs import pipeline
 from quadid_logs.autopilots import named
 from quadid_logs.autopilots.betaflight.flight_modes import flight_modes
 from quadid_logs.autopilots.betaflight.gains import tunable
@@ -18,7 +17,6 @@ from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import grid_hz, margins_of
 from quadid_logs.data.log import ModeChange, Rows
 from quadid_logs.data.result import Result
-from quadid_logs.data.settings import AlignSettings, Settings
 from quadid_logs.data.tuning import GOOD, Limits, Tuning
 from quadid_logs.report.gain_files import gain_files, reason_text
 from quadid_logs.report.tune_card import flight_files
@@ -36,10 +34,8 @@ HEADER = {"p_roll": 45.0, "i_roll": 80.0, "d_roll": 30.0}
 
 
 @pytest.fixture(scope="module")
-def sticks(corpus: Path) -> Result:
-    """Of 75 s the first 30."""
-    settings = Settings(align=AlignSettings(end_s=40.0))
-    return stiff(pipeline.analyze(corpus / "firmware" / STICKS, settings))
+def sticks(corpus: Path, analyzed: Analyzed) -> Result:
+    return stiff(analyzed(corpus / "firmware" / STICKS))
 
 
 @pytest.fixture(scope="module")
@@ -188,14 +184,12 @@ def test_in_angle_mode_margins_are_also_those_of_the_loop_with_the_angle_loop(st
     assert found.now.full.phase_margin_deg.value < found.now.rate.phase_margin_deg.value
 
 
-@pytest.mark.thorough
 def test_a_hover_is_refused(corpus: Path, analyzed: Analyzed) -> None:
     """Neither model nor controller can be told from it."""
     found = recommend(analyzed(corpus / "firmware" / HOVER), GOOD)
     assert found.refused == ("roll", "pitch", "yaw")
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("code", "told"), [("QL615", True), ("QL644", True), ("QL613", False), ("QL625", False)]
 )
