@@ -612,7 +612,7 @@ class AxisMoments:
             hidden = self.noise > np.abs(theta[0] * turn) ** 2
             self.noise = np.where(hidden, np.maximum(self.noise, self.size**2), self.noise)
         self.turn = np.exp(-1j * np.angle(turn if theta is None else theta[0] * turn))
-        if self.planned and theta is not None:
+        if theta is not None:
             # A departure in proportion to what was measured lets small moments count for more than large
             # ones, and draws the response low (G. D'Agostini, Nucl. Instrum. Methods A 346, 1994).
             self.size = np.abs(theta[0] * turn)
