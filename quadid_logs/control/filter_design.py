@@ -184,6 +184,9 @@ class _Design:
         begin = self._with(_State(found=self._alone), tuple(self._axes))
         if begin is None:
             return None
+        # A rough search may miss what the whole one found.
+        found = {axis: min(one, self._alone[axis], key=_value) for axis, one in begin.found.items()}
+        begin = replace(begin, found=found)
         self._begin = {axis: one.value for axis, one in begin.found.items()}
         low_passes = [
             _LowPass(axis, cutoffs, (axis,))
@@ -309,3 +312,7 @@ class _Design:
             ),
             trials=trials,
         )
+
+
+def _value(found: Quick) -> float:
+    return found.value

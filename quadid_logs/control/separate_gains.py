@@ -731,10 +731,12 @@ class SeparateGains:
         bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
         near = {name: float(np.clip(one, *bounds[name])) for name, one in begin.items()}
         found = self._search([near], bounds, np.inf, rough=True)
-        if self._add_decisive(found):
-            # Behind other filters, other vehicles decide.
-            found = self._search([found], bounds, np.inf, rough=True)
-        return self.told_of(found)
+        first = self.told_of(found)
+        if not self._add_decisive(found):
+            return first
+        # Behind other filters, other vehicles decide; those that bear no gains are left to the whole search.
+        second = self.told_of(self._search([found], bounds, np.inf, rough=True))
+        return second if second.missing == 0.0 else first
 
     def told_of(self, factors: Mapping[str, float]) -> Quick:
         """Tell what factors cost, how noisy they are, and what they miss, around the decisive vehicles.

@@ -341,7 +341,8 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
         shown + half,
         ideal[part],
         float(np.median(half)) <= _OFF,
-        _with_interval(*over, "1"),
+        # An integrator ends at 1: by how much the response does not, its slow part may be wrong.
+        _wider(_with_interval(*over, "1"), abs(end - 1.0)),
         _with_interval(_half_time(times, shown), [_half_time(times, one) for one in left_out], "s"),
     )
 
@@ -386,6 +387,11 @@ def _shift(windows: _Windows, cross: FloatArray) -> float:
     low, top, high = part[peak - 1 : peak + 2]
     bend = low - 2.0 * top + high
     return windows.period_s * (peak - reach + (0.5 * (low - high) / bend if bend < 0.0 else 0.0))
+
+
+def _wider(quantity: Quantity, by: float) -> Quantity:
+    low, high = quantity.ci95 or (quantity.value, quantity.value)
+    return quantity._replace(ci95=(low - by, high + by))
 
 
 def _with_interval(value: float, others: Sequence[float], unit: str) -> Quantity:

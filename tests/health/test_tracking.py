@@ -82,6 +82,17 @@ def test_a_step_response_leaves_out_where_a_system_id_mode_injects() -> None:
     assert without_chirp(((10.0, 55.0),), series("sysid_chirp", t, 0.0 * values)) == ((10.0, 55.0),)
 
 
+def test_an_end_that_is_not_one_widens_the_overshoot() -> None:
+    """A rate a tenth too large shows a step that ends at 1.1: how much of it is overshoot nobody knows."""
+    rate, setpoint, intervals = second_order(4.0, 1.0, 0.006, 6.0, 0.002)
+    large = series("body_rate", rate.time_s, 1.1 * rate.values)
+    for one in find_responses(large, setpoint, intervals).values():
+        assert one.steps is not None
+        assert one.steps.overshoot.ci95 is not None
+        low, high = one.steps.overshoot.ci95
+        assert low <= 0.0 <= high
+
+
 def test_small_steps_are_judged_where_large_ones_meet_a_limit() -> None:
     """Half of the flight asks for ten times as much, and there the loop has no overshoot."""
     (calm, asked, _), (limited, fast, _) = (
