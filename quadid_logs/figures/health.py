@@ -42,6 +42,9 @@ _MOST_NOTCHES: Final = 4
 #: Labels of lines whose frequencies lie nearer to each other than this ratio would cover each other.
 _LABELS_APART: Final = 4.0
 _MOST_POINTS: Final = 600
+#: Of a density, what makes one of degrees of that of radians, and one of per cent of that of fractions.
+_SQUARE_DEGREES: Final = float(np.degrees(1.0)) ** 2
+_SQUARE_PERCENT: Final = 1e4
 #: A level further above all data would only press them flat.
 _NEAR_LIMIT: Final = 3.0
 _ROLES: Final = ("series-1", "series-2", "series-3", "series-4")
@@ -262,7 +265,7 @@ def _spectrum_panel(noise: Noise, column: int, known: GyroFilter) -> Panel:
         gain = np.abs(gyro_response(np.asarray(2j * np.pi * noise.after.frequency_hz), *known))
         if not np.allclose(gain, 1.0):
             passed = gain >= _LEAST_GAIN
-            before = noise.after.density[passed, column] / gain[passed] ** 2
+            before = _SQUARE_DEGREES * noise.after.density[passed, column] / gain[passed] ** 2
             curves.append(
                 _line("before the filters, computed", noise.after.frequency_hz[passed], before, "muted")
             )
@@ -298,11 +301,10 @@ def _spectrum_panel(noise: Noise, column: int, known: GyroFilter) -> Panel:
 
 
 def _density(label: str, spectrum: GyroSpectrum, column: int, role: str) -> Curve:
-    return _line(label, spectrum.frequency_hz, spectrum.density[:, column], role)
+    return _line(label, spectrum.frequency_hz, _SQUARE_DEGREES * spectrum.density[:, column], role)
 
 
 def _line(label: str, frequency_hz: FloatArray, density: FloatArray, role: str) -> Curve:
-    density = density * float(np.degrees(1.0)) ** 2
     known = np.isfinite(density) & (density > 0.0)
     x, y = thin_line(frequency_hz[known], density[known], _MOST_POINTS)
     return Curve(label=label, x=x, y=y, role=role)
@@ -328,10 +330,10 @@ def _command_spectrum(noise: CommandNoise | None) -> Figure | None:
                 y=Axis(label="output density", unit="%²/Hz", log=True),
                 curves=(
                     *(
-                        _percent(name, noise.frequency_hz, each, role)
+                        _line(name, noise.frequency_hz, _SQUARE_PERCENT * each, role)
                         for (name, each), role in zip(one.term_densities.items(), _ROLES[1:], strict=False)
                     ),
-                    _percent("output", noise.frequency_hz, one.density, "measured"),
+                    _line("output", noise.frequency_hz, _SQUARE_PERCENT * one.density, "measured"),
                 ),
                 levels=(Level(value=noise.above_hz, role="muted", along="x"),),
                 note=f"{number(100.0 * one.rms.value, 2)} % rms above {noise.above_hz:g} Hz",
@@ -340,12 +342,6 @@ def _command_spectrum(noise: CommandNoise | None) -> Figure | None:
         ),
         columns=3,
     )
-
-
-def _percent(label: str, frequency_hz: FloatArray, density: FloatArray, role: str) -> Curve:
-    known = density > 0.0
-    x, y = thin_line(frequency_hz[known], 1e4 * density[known], _MOST_POINTS)
-    return Curve(label=label, x=x, y=y, role=role)
 
 
 def _maps(health: Health, known: GyroFilter) -> Figure | None:

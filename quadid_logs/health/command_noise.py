@@ -115,7 +115,7 @@ def _of_terms(
     return {
         name: np.interp(frequency_hz, found.frequency_hz, column)
         for name, column in zip(names, found.mean.T, strict=True)
-        if column.any()
+        if column.any() and np.isfinite(column).all()
     }
 
 

@@ -104,8 +104,12 @@ def test_damaged_terms_cost_only_themselves() -> None:
     output = np.column_stack([p + d, p, p])
     d[100:200] = np.nan
     found, lost = noise_of(output, terms={"P": p, "D": d}), noise_of(output, terms={"D": np.nan * d})
+    with np.errstate(over="ignore"):
+        beyond = noise_of(output, terms={"P": p, "D": 1e200 * d})
     assert found is not None
     assert lost is not None
     assert found.axes["roll"].terms["D"].value == pytest.approx(0.03 * np.sqrt(0.92), rel=0.05)
     assert lost.axes["roll"].rms == found.axes["roll"].rms
     assert not lost.axes["roll"].terms
+    assert beyond is not None
+    assert [*beyond.axes["roll"].terms] == ["P"]
