@@ -43,6 +43,9 @@ _ENOUGH: Final = 100.0
 _TOLERANCE: Final = 1e-3
 _MOST_STEPS: Final = 20
 _DIFFERENCE: Final = 1e-3
+#: What may be worse than flown at the price of the error: how fast the attitude follows, what the integral
+#: holds.
+_N_BURDENS: Final = 2
 #: Vehicles that turn out to decide are added so many times.
 _ROUNDS: Final = 6
 _DECISIVE: Final = 4
@@ -501,19 +504,19 @@ class SeparateGains:
         def value(logs: FloatArray) -> float:
             return float(self._values(_sets(factors(logs)), most_up)[0])
 
-        told = _Slopes(lambda logs: self._told(dict(zip(names, np.exp(logs).T, strict=True)), most_up))
+        told = _Slopes(lambda logs: self._weighed(dict(zip(names, np.exp(logs).T, strict=True)), most_up))
         found = list(begins)
         for begin in begins:
             end = minimize(
                 told.cost,
-                [math.log(begin[name]) for name in names],
+                told.begin(np.log([begin[name] for name in names])),
                 method="SLSQP",
                 jac=told.cost_slope,
-                bounds=limits,
+                bounds=[*limits, *[(0.0, np.inf)] * _N_BURDENS],
                 constraints=NonlinearConstraint(told.kept, 0.0, np.inf, jac=told.kept_slope),
                 options={"maxiter": _FEW_STEPS if rough else _MOST_STEPS, "ftol": _TOLERANCE},
             )
-            found.append(factors(end.x))
+            found.append(factors(end.x[: len(names)]))
         each = {name: np.array([one[name] for one in found]) for name in names}
         best = found[int(np.argmin(self._values(each, most_up)))]
         if rough or np.min(self._told(_sets(best), most_up)[1]) >= -_ROUNDING:
@@ -541,6 +544,13 @@ class SeparateGains:
         That is the `cost`, and behind other filters heat too. For each of several sets of gains: (n_sets,),
         (n_sets, n_limits).
         """
+        value, kept, burdens = self._weighed(factors, most_up)
+        return value + np.sum(np.maximum(burdens, 0.0), axis=1), kept
+
+    def _weighed(
+        self, factors: Mapping[str, FloatArray], most_up: float = np.inf
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what `_told` does without burdens, and these: (n_sets,), (n_sets, n_limits), `_burdens`."""
         answers = self._paths.at(factors)
         loop = self._loop(answers)
         attitude = self._attitude(loop)
@@ -553,25 +563,25 @@ class SeparateGains:
         if np.isfinite(most_up):
             kept.append(np.log(self._may_rise(kept[0] + 1.0, most_up) / self._rises(factors))[:, np.newaxis])
         error_rad = self._gusts.attitude_rad(loop.whole)
-        value = np.log(self._burden(factors, attitude) * error_rad)
+        value = np.log(error_rad)
         if self._alone is not None:
             most_rad = self._alone.gust_error * self._flown_error_rad
             kept.append(np.log(most_rad / error_rad)[:, np.newaxis])
             value = value + self._noise.heat(self._noise.ratio(loop))
-        return value, np.minimum(np.concatenate(kept, axis=1), 1.0)
+        return value, np.minimum(np.concatenate(kept, axis=1), 1.0), self._burdens(factors, attitude)
 
-    def _burden(self, factors: Mapping[str, FloatArray], attitude: Attitude) -> FloatArray:
-        """Return how much more slowly the attitude follows, times how much less the integral holds.
+    def _burdens(self, factors: Mapping[str, FloatArray], attitude: Attitude) -> FloatArray:
+        """Return how much more slowly the attitude follows, and how much less the integral holds.
 
-        Shape (n_sets,).
+        Logarithms, (n_sets, _N_BURDENS), below zero where they are no burden.
         """
-        slower = np.maximum(self._flown_hz / attitude.bandwidth_hz, 1.0)
         # A load off centre and a bent arm are in no spectrum of gusts: the integral falls with P.
         integral, proportional = (
-            factors.get(name, 1.0) for name in (self._names.integral, self._names.proportional)
+            factors.get(name, np.ones(attitude.bandwidth_hz.shape))
+            for name in (self._names.integral, self._names.proportional)
         )
-        weaker = np.maximum(np.minimum(proportional, 1.0) / integral, 1.0)
-        return np.asarray(slower * weaker)
+        weaker = np.minimum(proportional, 1.0) / integral
+        return np.stack([np.log(self._flown_hz / attitude.bandwidth_hz), np.log(weaker)], axis=1)
 
     def _may_rise(self, spare: FloatArray, most_up: float) -> FloatArray:
         """Return by how much the controller's gain may rise, (n_sets,), for what vehicles keep of limits.
@@ -679,8 +689,8 @@ class SeparateGains:
             the integral holds.
         """
         sets = _sets(factors)
-        burden = self._burden(sets, self._attitude(self._at(sets)))
-        return float(burden[0]) * self.gust_error(factors)
+        burdens = self._burdens(sets, self._attitude(self._at(sets)))
+        return math.exp(np.sum(np.maximum(burdens, 0.0))) * self.gust_error(factors)
 
     def settled(self, factors: Mapping[str, float]) -> float:
         """Return `Quick.value` of gains that keep all margins, of limits with what gains alone reach only.
@@ -1030,41 +1040,60 @@ def _aliases(frequency_hz: FloatArray, log_hz: float) -> list[IntArray]:
 
 
 class _Slopes:
-    """What a search asks for, with slopes by differences: all gains are changed in one go."""
+    """What a search asks for, with slopes by differences: all gains are changed in one go.
 
-    def __init__(self, told: Callable[[FloatArray], tuple[FloatArray, FloatArray]]) -> None:
+    Burdens count above zero alone, which has an edge where the flown gains are, and a search by slopes would
+    stay there. So each has a variable that is not below it nor below zero, and these are what is small.
+    """
+
+    def __init__(self, told: Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]) -> None:
         self._told = told
-        self._known: dict[bytes, tuple[FloatArray, FloatArray]] = {}
+        self._known: dict[bytes, tuple[FloatArray, FloatArray, FloatArray]] = {}
         self._slopes: dict[bytes, tuple[FloatArray, FloatArray]] = {}
 
-    def cost(self, logs: FloatArray) -> float:
-        """Return what is to be small at logarithms of factors (n_names,)."""
-        return float(self._at(logs)[0][0])
+    def begin(self, logs: FloatArray) -> FloatArray:
+        """Return logarithms of factors with the least variables of burdens, (n_names + _N_BURDENS,)."""
+        return np.append(logs, np.maximum(self._at(logs)[2][0], 0.0))
 
-    def kept(self, logs: FloatArray) -> FloatArray:
-        """Return what is to be above zero, (n_limits,)."""
-        return np.asarray(self._at(logs)[1][0])
+    def cost(self, variables: FloatArray) -> float:
+        """Return what is to be small at variables as of `begin`."""
+        logs, burdens = np.split(variables, [-_N_BURDENS])
+        return float(self._at(logs)[0][0] + np.sum(burdens))
 
-    def cost_slope(self, logs: FloatArray) -> FloatArray:
-        """Return how what is to be small changes with each logarithm, (n_names,)."""
-        return self._slope(logs)[0]
+    def kept(self, variables: FloatArray) -> FloatArray:
+        """Return what is to be above zero, (n_limits + _N_BURDENS,)."""
+        logs, burdens = np.split(variables, [-_N_BURDENS])
+        _, kept, least = self._at(logs)
+        return np.append(kept[0], burdens - least[0])
 
-    def kept_slope(self, logs: FloatArray) -> FloatArray:
-        """Return how what is to be above zero changes with each logarithm, (n_limits, n_names)."""
-        return self._slope(logs)[1]
+    def cost_slope(self, variables: FloatArray) -> FloatArray:
+        """Return how what is to be small changes with each variable."""
+        return self._slope(variables)[0]
 
-    def _at(self, logs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def kept_slope(self, variables: FloatArray) -> FloatArray:
+        """Return how what is to be above zero changes with each variable."""
+        return self._slope(variables)[1]
+
+    def _at(self, logs: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         key = logs.tobytes()
         if key not in self._known:
             self._known[key] = self._told(logs[np.newaxis])
         return self._known[key]
 
-    def _slope(self, logs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _slope(self, variables: FloatArray) -> tuple[FloatArray, FloatArray]:
+        logs = variables[:-_N_BURDENS]
         key = logs.tobytes()
         if key not in self._slopes:
-            cost, kept = self._at(logs)
-            costs, all_kept = self._told(logs + _DIFFERENCE * np.eye(logs.size))
-            self._slopes[key] = ((costs - cost) / _DIFFERENCE, ((all_kept - kept) / _DIFFERENCE).T)
+            changed = self._told(logs + _DIFFERENCE * np.eye(logs.size))
+            cost, kept, least = (
+                ((new - old) / _DIFFERENCE).T for new, old in zip(changed, self._at(logs), strict=True)
+            )
+            one = np.eye(_N_BURDENS)
+            of_burdens = np.vstack([np.zeros((len(kept), _N_BURDENS)), one])
+            self._slopes[key] = (
+                np.append(cost, np.ones(_N_BURDENS)),
+                np.hstack([np.vstack([kept, -least]), of_burdens]),
+            )
         return self._slopes[key]
 
 
