@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import compileall
 import gc
+import importlib
 import os
 import pickle
 import shutil
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -174,6 +177,24 @@ def corpus() -> Path:
     if not has_corpus():
         pytest.skip(f"no log corpus at {corpus_folder()}; set QUADID_LOG_CORPUS to run this test")
     return corpus_folder()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Let each of several processes compile another part first: in a fresh clone all would compile all."""
+    config = session.config
+    if not hasattr(config, "workerinput"):
+        return
+    number, count = int(config.workerinput["workerid"][2:]), int(config.workerinput["workercount"])
+    for path in sorted(REPOSITORY.glob("quadid_logs/**/*.py"))[number::count]:
+        compileall.compile_file(path, quiet=2)
+    given = [(config.invocation_params.dir / name.split("::")[0]).resolve() for name in config.args]
+    for path in sorted(REPOSITORY.glob("tests/**/test_*.py"))[number::count]:
+        # Tests are rewritten, too, so that a failed assertion tells its values: importing them does both.
+        # What cannot be imported is told of when it is collected.
+        if any(path.is_relative_to(each) for each in given):
+            with suppress(Exception, pytest.skip.Exception):
+                importlib.import_module(".".join(path.relative_to(REPOSITORY).with_suffix("").parts))
 
 
 def pytest_xdist_auto_num_workers() -> int:

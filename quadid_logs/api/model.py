@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import block_diag
 
 from quadid_logs.api.frames import data_frame
 from quadid_logs.arrays import FloatArray
@@ -314,8 +313,18 @@ class _Linear(NamedTuple):
 
 def _beside(channels: Sequence[_Linear]) -> _Linear:
     """Return separate systems as one block-diagonal system."""
-    A, B, C, D = (block_diag(*matrices) for matrices in zip(*(each[:4] for each in channels), strict=True))
+    A, B, C, D = (_diagonal(matrices) for matrices in zip(*(each[:4] for each in channels), strict=True))
     return _Linear(A, B, C, D, tuple(name for channel in channels for name in channel.states))
+
+
+def _diagonal(matrices: Sequence[FloatArray]) -> FloatArray:
+    """Return matrices along the diagonal of one. Importing scipy.linalg takes as long as this package."""
+    found = np.zeros(np.sum([each.shape for each in matrices], axis=0))
+    row, column = 0, 0
+    for each in matrices:
+        found[row : row + each.shape[0], column : column + each.shape[1]] = each
+        row, column = row + each.shape[0], column + each.shape[1]
+    return found
 
 
 def _delay(approximation: Any, torque: str) -> _Linear:

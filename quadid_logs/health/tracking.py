@@ -129,13 +129,23 @@ def find_tracking(
 
 def _not_asked(time_s: FloatArray, asked: FloatArray, flown: FloatArray) -> FloatArray:
     """Return how far each angle is from all that was asked in the last moments, both unwrapped."""
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
-
     n_rows = 1 + int(np.ceil(_LATE_S / float(np.median(np.diff(time_s)))))
-    origin = (n_rows - 1) // 2
-    low = minimum_filter1d(asked, n_rows, mode="nearest", origin=origin)
-    high = maximum_filter1d(asked, n_rows, mode="nearest", origin=origin)
+    low, high = (_over_last(which, asked, n_rows) for which in (np.minimum, np.maximum))
     return np.asarray(np.maximum(np.maximum(low - flown, flown - high), 0.0), dtype=np.float64)
+
+
+def _over_last(which: np.ufunc, values: FloatArray, n_rows: int) -> FloatArray:
+    """Return the least or the largest of so many rows up to each, of fewer at the beginning.
+
+    Not scipy.ndimage: importing it takes longer than all of this module.
+    """
+    found = np.concatenate([np.full(n_rows - 1, values[0]), values])
+    width = 1
+    while width < n_rows:
+        more = min(width, n_rows - width)
+        found = which(found[more:], found[:-more])
+        width += more
+    return found
 
 
 def _unbroken(time_s: FloatArray, mask: BoolArray, step_s: float) -> list[tuple[int, int]]:
