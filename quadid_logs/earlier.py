@@ -83,13 +83,13 @@ def _joined(
     """Combine an axis with earlier flights, or take it from them if this flight does not identify it."""
     loop, model = now.axes[axis], result.identification.recommended
     if loop.plants is not None:
-        return joined(loop, controller, [_loop(one, axis) for one in earlier])
+        return joined(loop, controller, [one.loop_of(axis) or AxisLoop() for one in earlier])
     if model is None or not tells_too_little(result.diagnosis, axis):
         return Joined(loop)
     data, model = per_command(most_excited(result.data, result.settings.identify.most_samples), model)
     usable = [one.verdict.get(axis) == "usable" for one in earlier]
     told = [
-        _loop(one, axis) if sound or tells_too_little(one.diagnosis, axis) else AxisLoop()
+        (one.loop_of(axis) if sound or tells_too_little(one.diagnosis, axis) else None) or AxisLoop()
         for sound, one in zip(usable, earlier, strict=True)
     ]
     found = by_earlier(loop, data, model, AXES.index(axis), controller, told)
@@ -97,8 +97,3 @@ def _joined(
     if any(usable[place] for place in found.used) or crosses_where_known(found.loop) or found.differ:
         return found
     return Joined(loop)
-
-
-def _loop(result: Result, axis: str) -> AxisLoop:
-    loops = {} if result.closed_loop is None else result.closed_loop.axes
-    return loops.get(axis, AxisLoop())

@@ -298,7 +298,7 @@ def _axis_check(promised: AxisPromise, after: Result, axis: str, obstacle: Obsta
 
 
 def _margins(result: Result, axis: str) -> LoopMargins | None:
-    loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
+    loop = result.loop_of(axis)
     return None if loop is None else loop.margins
 
 

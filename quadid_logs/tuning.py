@@ -358,7 +358,7 @@ def margins_with(result: Result, axis: str, changes: Mapping[str, float]) -> Loo
     LoopMargins or None
         None where the loop of the axis is not known.
     """
-    loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
+    loop = result.loop_of(axis)
     parameters = flown_parameters(result.log, result.data)
     controller = _rebuilt(result, parameters, axis, changes)
     if loop is None or loop.plants is None or controller is None:

@@ -14,17 +14,19 @@ import typer
 from quadid_logs.cli.completion import structures
 from quadid_logs.cli.failure import exit_code_of, report_problem, say
 from quadid_logs.cli.logs import check_log, expanded
-from quadid_logs.cli.longest import of_longest
+from quadid_logs.cli.longest import analyze_longest
 from quadid_logs.cli.options import (
     AxisNames,
     Band,
     EndS,
+    Force,
     LogNumber,
     StartS,
     System,
     VehicleFile,
     axes_of,
     settings_of,
+    vehicle_of,
 )
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Part, Progress, parts
@@ -112,7 +114,7 @@ def analyze(
     log_number: LogNumber = 0,
     axes: AxisNames = "",
     pool: Annotated[bool, typer.Option("--pool", help="Fit one model to all logs.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+    force: Force = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print result.json to stdout.")] = False,
     png: Annotated[
         _Png,
@@ -136,7 +138,6 @@ def analyze(
     log's system-identification mode swept. 2: a log could not be read, or the options make no sense.
     """
     from quadid_logs.report import report_folders
-    from quadid_logs.vehicle_file import read_vehicle
 
     logs = list(expanded(logs))
     wish = _Wish(
@@ -151,7 +152,7 @@ def analyze(
             system=system,
             log=log_number,
         ),
-        vehicle=None if vehicle is None else read_vehicle(vehicle),
+        vehicle=vehicle_of(vehicle),
         force=force,
         as_json=as_json,
         drawings=not no_report,
@@ -239,13 +240,11 @@ def _refused(result: Result) -> set[str]:
 
 def _result_of(logs: list[Path], wish: _Wish, progress: Progress) -> Result:
     """Analyze one log, or several as one."""
-    from quadid_logs.pipeline import analyze as analyze_log
     from quadid_logs.pipeline import analyze_pooled
 
     if len(logs) > 1:
         return analyze_pooled(logs, wish.settings, vehicle=wish.vehicle, progress=progress)
-    of_log = partial(analyze_log, logs[0], vehicle=wish.vehicle, progress=progress)
-    return of_longest(logs[0], wish.settings, of_log)
+    return analyze_longest(logs[0], wish.settings, wish.vehicle, progress=progress)
 
 
 def _say_result(result: Result, folder: Path, wish: _Wish) -> None:

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.longest import of_longest
-from quadid_logs.cli.options import Band, EndS, LogNumber, Quiet, StartS, System, VehicleFile, settings_of
+from quadid_logs.cli.longest import analyze_longest
+from quadid_logs.cli.options import (
+    Band,
+    EndS,
+    LogNumber,
+    Quiet,
+    StartS,
+    System,
+    VehicleFile,
+    settings_of,
+    vehicle_of,
+)
 from quadid_logs.cli.outcome import say_outcome
 from quadid_logs.cli.progress import Progress
 
@@ -43,20 +52,17 @@ def check(
     log or promise could not be read. 3: not comparable: another autopilot, frame or flight controller, or the
     log does not tell the margins.
     """
-    from quadid_logs.pipeline import analyze
     from quadid_logs.promise import check as check_promise
     from quadid_logs.report.check_view import check_lines, check_text
     from quadid_logs.report.promise_file import read_promise
     from quadid_logs.report.provenance import provenance_of
-    from quadid_logs.vehicle_file import read_vehicle
 
     promised = read_promise(promise)
     check_log(log)
-    described = None if vehicle is None else read_vehicle(vehicle)
+    described = vehicle_of(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
     with Progress(log.name, quiet=quiet) as progress:
-        of_log = partial(analyze, log, vehicle=described, progress=progress)
-        after = of_longest(log, settings, of_log)
+        after = analyze_longest(log, settings, described, progress=progress)
         progress("check")
         found = check_promise(promised, after, provenance_of(log).log_sha256)
     code = _EXIT_CODES[found.outcome.value]

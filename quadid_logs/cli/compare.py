@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.longest import of_longest
-from quadid_logs.cli.options import Band, EndS, OpenPage, Quiet, StartS, System, settings_of
+from quadid_logs.cli.longest import analyze_longest
+from quadid_logs.cli.options import (
+    AsJson,
+    Band,
+    EndS,
+    Force,
+    OpenPage,
+    Quiet,
+    StartS,
+    System,
+    settings_of,
+    vehicle_of,
+)
 from quadid_logs.cli.outcome import say_outcome, write_outcome
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
@@ -47,8 +57,8 @@ def compare(
         ),
     ] = (0, 0),
     system: System = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+    as_json: AsJson = False,
+    force: Force = False,
     open_report: OpenPage = False,
     quiet: Quiet = False,
 ) -> int:
@@ -61,21 +71,18 @@ def compare(
     """
     from quadid_logs.comparison import EXIT_CODES
     from quadid_logs.comparison import compare as compare_results
-    from quadid_logs.pipeline import analyze
     from quadid_logs.report.comparison import comparison_lines, comparison_text
-    from quadid_logs.vehicle_file import read_vehicle
 
     if output is not None:
         check_folder_free(output, _FILES, force=force)
-    described = None if vehicle is None else read_vehicle(vehicle)
+    described = vehicle_of(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system)
     results = []
     for log in (before, after):
         check_log(log)
     for log, number in zip((before, after), log_numbers, strict=True):
         with Progress(log.name, quiet=quiet) as progress:
-            of_log = partial(analyze, log, vehicle=described, progress=progress)
-            results.append(of_longest(log, replace(settings, log=number), of_log))
+            results.append(analyze_longest(log, replace(settings, log=number), described, progress=progress))
     first, second = results
     comparison = compare_results(first, second)
     text = comparison_text(first, second, comparison)

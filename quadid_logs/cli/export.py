@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,8 +9,8 @@ import typer
 
 from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.longest import of_longest
-from quadid_logs.cli.options import EndS, LogNumber, Quiet, StartS, System, settings_of
+from quadid_logs.cli.longest import analyze_longest
+from quadid_logs.cli.options import EndS, LogNumber, Quiet, StartS, System, settings_of, vehicle_of
 from quadid_logs.cli.progress import Progress
 from quadid_logs.output import check_free, new_folder, write_beside
 from quadid_logs.untrusted import printable
@@ -74,9 +73,8 @@ def export(
     from quadid_logs.counting import counted
     from quadid_logs.load import load
     from quadid_logs.report.series_file import check_table_path, write_table
-    from quadid_logs.vehicle_file import read_vehicle
 
-    given = None if vehicle is None else read_vehicle(vehicle)
+    given = vehicle_of(vehicle)
     settings = settings_of(
         start_s=start_s,
         end_s=end_s,
@@ -106,7 +104,6 @@ def _export_model(
     log: Path, output: Path, settings: Settings, vehicle: Vehicle | None, *, force: bool, quiet: bool
 ) -> int:
     """Write the recommended model; 1 if it holds an axis that must not be trusted."""
-    from quadid_logs.pipeline import analyze
     from quadid_logs.report.commands import on_log
     from quadid_logs.report.model_files import check_model_format, model_bytes
     from quadid_logs.report.verdict import refused_names
@@ -116,8 +113,7 @@ def _export_model(
     check_free(output, force=force)
     check_log(log)
     with Progress(log.name, quiet=quiet) as progress:
-        of_log = partial(analyze, log, vehicle=vehicle, progress=progress)
-        result = of_longest(log, settings, of_log)
+        result = analyze_longest(log, settings, vehicle, progress=progress)
     content = model_bytes(result, output.suffix.lower())
     with new_folder(output.parent):
         write_beside(output, content)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from quadid_logs.cli.failure import report_problem, say
-from quadid_logs.cli.options import Band
+from quadid_logs.cli.options import Band, vehicle_of
 from quadid_logs.cli.progress import span_words
 from quadid_logs.cli.terminal import is_terminal
 from quadid_logs.counting import counted
@@ -108,7 +108,6 @@ def fleet(
     from quadid_logs.fleets.options import Options
     from quadid_logs.fleets.run import LOST, run_fleet
     from quadid_logs.fleets.store import count_verdicts
-    from quadid_logs.vehicle_file import read_vehicle
 
     if workers < 0 or not max_mb > 0.0 or not 0.0 < timeout <= _LONGEST_MIN:
         raise SettingsError(
@@ -118,7 +117,7 @@ def fleet(
     options = Options(
         structure=structure,
         band_hz=band,
-        vehicle=None if vehicle is None else read_vehicle(vehicle),
+        vehicle=vehicle_of(vehicle),
         vehicle_file="" if vehicle is None else vehicle.read_text(encoding="utf-8"),
         rules=NamingRules(vehicle_from=vehicle_from, model_from=model_from),
         reports=reports,

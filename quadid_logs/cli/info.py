@@ -10,7 +10,17 @@ import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.options import EndS, LogNumber, NoProgress, StartS, System, VehicleFile, settings_of
+from quadid_logs.cli.options import (
+    AsJson,
+    EndS,
+    LogNumber,
+    NoProgress,
+    StartS,
+    System,
+    VehicleFile,
+    settings_of,
+    vehicle_of,
+)
 from quadid_logs.cli.progress import Progress
 from quadid_logs.cli.terminal import wrapped
 from quadid_logs.errors import SeveralLogsError
@@ -26,7 +36,7 @@ def info(
     system: System = 0,
     log_number: LogNumber = 0,
     vehicle: VehicleFile = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
     quiet: NoProgress = False,
 ) -> int:
     """Say what is in a log, at which true rates, and what is missing for analyze."""
@@ -34,9 +44,8 @@ def info(
     from quadid_logs.health import health_of
     from quadid_logs.load import load
     from quadid_logs.report.inventory import inventory_lines, inventory_text
-    from quadid_logs.vehicle_file import read_vehicle
 
-    given = None if vehicle is None else read_vehicle(vehicle)
+    given = vehicle_of(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, system=system, log=log_number)
     check_log(log)
     with Progress(log.name, quiet=quiet) as progress:

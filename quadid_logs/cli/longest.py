@@ -1,41 +1,42 @@
-"""Of a file that holds several logs, the longest one where none was chosen."""
+"""Analyze a log; of a file that holds several, the longest one where none was chosen."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from quadid_logs.cli.failure import report_problem
 from quadid_logs.errors import SeveralLogsError
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
+    from quadid_logs.data.result import Result
     from quadid_logs.data.settings import Settings
+    from quadid_logs.data.vehicle import Vehicle
+    from quadid_logs.pipeline import Progress
 
-_T = TypeVar("_T")
 
-
-def of_longest(log: Path, settings: Settings, read: Callable[[Settings], _T]) -> _T:
-    """Read a log; of a file that holds several the longest, and say so.
+def analyze_longest(
+    log: Path,
+    settings: Settings,
+    vehicle: Vehicle | None = None,
+    *,
+    published: bool = True,
+    progress: Progress | None = None,
+) -> Result:
+    """Analyze a log as `pipeline.analyze`; of a file that holds several the longest, and say so.
 
     Parameters
     ----------
-    log : Path
     settings : Settings
         With the log that was chosen, if one was.
-    read : callable
-        What reads it by settings.
-
-    Returns
-    -------
-    object
-        What ``read`` returns.
     """
+    from quadid_logs.pipeline import analyze
+
     try:
-        return read(settings)
+        return analyze(log, settings, vehicle=vehicle, published=published, progress=progress)
     except SeveralLogsError as several:
         report_problem(
             f"{printable(log.name)} holds {len(several.logs)} logs. The longest one, log {several.longest} "
@@ -43,4 +44,4 @@ def of_longest(log: Path, settings: Settings, read: Callable[[Settings], _T]) ->
             "info lists them."
         )
         settings = replace(settings, log=several.longest)
-    return read(settings)
+    return analyze(log, settings, vehicle=vehicle, published=published, progress=progress)

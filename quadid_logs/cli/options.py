@@ -15,6 +15,7 @@ from quadid_logs.vocabulary import AXES
 
 if TYPE_CHECKING:
     from quadid_logs.data.settings import Settings
+    from quadid_logs.data.vehicle import Vehicle
 
 StartS = Annotated[
     float | None,
@@ -59,6 +60,8 @@ AxisNames = Annotated[
     ),
 ]
 OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")]
 NoProgress = Annotated[bool, typer.Option("-q", "--quiet", help="Print only the result, no progress.")]
 
@@ -94,6 +97,19 @@ def settings_of(
         ),
         identify=in_band(band, IdentifySettings(structure=structure, window=window, stride=stride)),
     )
+
+
+def vehicle_of(file: Path | None) -> Vehicle | None:
+    """Return what a vehicle file tells; None without one.
+
+    Raises
+    ------
+    VehicleFileError
+        If it cannot be read, or makes no sense.
+    """
+    from quadid_logs.vehicle_file import read_vehicle
+
+    return None if file is None else read_vehicle(file)
 
 
 def axes_of(text: str) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""What verbs that hold flights against each other say and write: `check`, `compare` and `repeat`."""
+"""What verbs with one outcome say and write, such as `check`, `compare` and `swing`."""
 
 from __future__ import annotations
 

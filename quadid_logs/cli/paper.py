@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from quadid_logs.cli.failure import say
+from quadid_logs.cli.options import Force
 from quadid_logs.cli.progress import Progress
 from quadid_logs.output import check_folder_free, new_folder, write_together
 from quadid_logs.untrusted import printable
@@ -19,7 +20,7 @@ def paper(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for page and figures.")
     ] = Path("quadid-paper"),
-    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+    force: Force = False,
 ) -> int:
     """Re-run the source paper's experiment and say what agrees with eq. (12), what cannot, and why."""
     from quadid_logs.report.markdown_page import markdown_page

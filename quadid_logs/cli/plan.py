@@ -11,8 +11,9 @@ import typer
 from quadid_logs.cli.completion import autopilots, axes
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.longest import of_longest
+from quadid_logs.cli.longest import analyze_longest
 from quadid_logs.cli.options import (
+    AsJson,
     Band,
     EndS,
     LogNumber,
@@ -22,6 +23,7 @@ from quadid_logs.cli.options import (
     System,
     axes_of,
     settings_of,
+    vehicle_of,
 )
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
@@ -110,7 +112,7 @@ def plan(
             "-o", "--output", metavar="DIR", help="Folder for the flight card and the parameter files."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
     force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier plan.")] = False,
     open_report: OpenPage = False,
     quiet: Quiet = False,
@@ -119,7 +121,6 @@ def plan(
 
     Without -o the card is only printed. --start-s, --end-s, --band, --system and --log belong to --like.
     """
-    from quadid_logs.pipeline import analyze
     from quadid_logs.planning import make_plan, parse_version, predict
     from quadid_logs.report.markdown_page import markdown_page
     from quadid_logs.report.plan import (
@@ -130,11 +131,10 @@ def plan(
         parameter_files,
         plan_text,
     )
-    from quadid_logs.vehicle_file import read_vehicle
 
     chosen = axes_of(",".join(axis or ()))
     version = None if firmware is None else parse_version(firmware)
-    described = None if vehicle is None else read_vehicle(vehicle)
+    described = vehicle_of(vehicle)
     make = partial(make_plan, vehicle=described, propeller_inch=propeller, air=air, wanted=interval / 100.0)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
     if like is None and settings != Settings():
@@ -153,7 +153,7 @@ def plan(
         wanted_of = make(autopilot.lower(), chosen, version).autopilot if autopilot else ""
         with Progress("plan", quiet=quiet) as progress:
             progress("analyzing the log")
-            known = of_longest(like, settings, partial(analyze, like, vehicle=described))
+            known = analyze_longest(like, settings, described)
         flown = known.log
         if wanted_of not in ("", flown.autopilot):
             raise SettingsError(

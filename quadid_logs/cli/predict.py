@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log, expanded
-from quadid_logs.cli.options import EndS, Quiet, StartS, System, settings_of
+from quadid_logs.cli.options import AsJson, EndS, Quiet, StartS, System, settings_of, vehicle_of
+from quadid_logs.cli.outcome import say_outcome
 from quadid_logs.cli.progress import Progress, parts
 from quadid_logs.errors import SettingsError
 
@@ -51,7 +51,7 @@ def predict(
         ),
     ] = 0.0,
     system: System = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> int:
     """Predict the body rates of a flight some steps ahead, with intervals, by other flights of the vehicle.
@@ -65,10 +65,9 @@ def predict(
     from quadid_logs.identify.horizons import fit_predictor
     from quadid_logs.load import load
     from quadid_logs.report.horizons import prediction_lines, predictions_text
-    from quadid_logs.vehicle_file import read_vehicle
 
     logs = list(expanded(logs))
-    described = None if vehicle is None else read_vehicle(vehicle)
+    described = vehicle_of(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, sample_rate_hz=sample_rate_hz, system=system)
     wanted = _numbers(steps)
     for log in (*logs, *on):
@@ -80,12 +79,8 @@ def predict(
             flights.append(cut(load(log, settings, described), settings.align))
     ahead = fit_predictor(flights[: len(logs)], wanted, sets.split(",") if sets else None)
     found = {str(log): ahead.predict(flight) for log, flight in zip(on, flights[len(logs) :], strict=True)}
-    if as_json:
-        say(predictions_text(ahead, found).rstrip("\n"))
-        return 0
-    for path, predictions in found.items():
-        for line in prediction_lines(path, predictions):
-            say(line)
+    lines = [line for path, predictions in found.items() for line in prediction_lines(path, predictions)]
+    say_outcome(predictions_text(ahead, found), lines, code=0, as_json=as_json, quiet=False)
     return 0
 
 

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from quadid_logs.cli.logs import check_log, expanded
-from quadid_logs.cli.longest import of_longest
-from quadid_logs.cli.options import Band, EndS, OpenPage, Quiet, StartS, System, settings_of
+from quadid_logs.cli.longest import analyze_longest
+from quadid_logs.cli.options import (
+    AsJson,
+    Band,
+    EndS,
+    Force,
+    OpenPage,
+    Quiet,
+    StartS,
+    System,
+    settings_of,
+    vehicle_of,
+)
 from quadid_logs.cli.outcome import say_outcome, write_outcome
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress, parts
@@ -42,8 +52,8 @@ def repeat(
     end_s: EndS = None,
     band: Band = None,
     system: System = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")] = False,
+    as_json: AsJson = False,
+    force: Force = False,
     open_report: OpenPage = False,
     quiet: Quiet = False,
 ) -> int:
@@ -55,10 +65,8 @@ def repeat(
     2: a log could not be read, or the options make no sense. 3: no difference seen, but on an axis fewer than
     two flights tell the effectiveness.
     """
-    from quadid_logs.pipeline import analyze
     from quadid_logs.repetition import repeat as repeat_results
     from quadid_logs.report.repetition import repetition_lines, repetition_text
-    from quadid_logs.vehicle_file import read_vehicle
 
     logs = list(expanded(logs))
     if len(logs) < 2:
@@ -67,15 +75,14 @@ def repeat(
         )
     if output is not None:
         check_folder_free(output, _FILES, force=force)
-    described = None if vehicle is None else read_vehicle(vehicle)
+    described = vehicle_of(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system)
     for log in logs:
         check_log(log)
     results = []
     for log, part in zip(logs, parts(logs), strict=True):
         with Progress(log.name, quiet=quiet, part=part) as progress:
-            of_log = partial(analyze, log, vehicle=described, progress=progress)
-            results.append(of_longest(log, settings, of_log))
+            results.append(analyze_longest(log, settings, described, progress=progress))
     found = repeat_results(results)
     text = repetition_text(found)
     written = ""

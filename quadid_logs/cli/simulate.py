@@ -10,7 +10,7 @@ import typer
 
 from quadid_logs.cli.completion import autopilots, scenarios
 from quadid_logs.cli.failure import say
-from quadid_logs.cli.options import Quiet
+from quadid_logs.cli.options import Quiet, vehicle_of
 from quadid_logs.cli.progress import Progress
 from quadid_logs.errors import SettingsError
 from quadid_logs.output import check_free, check_no_link, new_folder, write_beside
@@ -71,7 +71,6 @@ def simulate(
     """
     from quadid_logs.simulator import SCENARIOS
     from quadid_logs.simulator import simulate as fly_scenario
-    from quadid_logs.vehicle_file import read_vehicle
     from quadid_logs.writers import AUTOPILOT_OF_ENDING
 
     if list_scenarios:
@@ -101,7 +100,7 @@ def simulate(
             seed=seed,
             duration_s=duration_s,
             rate_hz=rate_hz,
-            vehicle=None if vehicle is None else read_vehicle(vehicle),
+            vehicle=vehicle_of(vehicle),
             autopilot=autopilot or AUTOPILOT_OF_ENDING[output.suffix.lower()],
         )
         progress("writing")

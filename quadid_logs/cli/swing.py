@@ -7,9 +7,18 @@ from typing import Annotated
 
 import typer
 
-from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.options import EndS, LogNumber, NoProgress, StartS, System, settings_of
+from quadid_logs.cli.options import (
+    AsJson,
+    EndS,
+    LogNumber,
+    NoProgress,
+    StartS,
+    System,
+    settings_of,
+    vehicle_of,
+)
+from quadid_logs.cli.outcome import say_outcome
 from quadid_logs.cli.progress import Progress
 from quadid_logs.errors import SettingsError
 
@@ -66,7 +75,7 @@ def swing(
     end_s: EndS = None,
     system: System = 0,
     log_number: LogNumber = 0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
     quiet: NoProgress = False,
 ) -> int:
     """Measure a moment of inertia: let the vehicle swing on two strings and read its own gyro.
@@ -82,9 +91,8 @@ def swing(
     from quadid_logs.bifilar import swing as measure
     from quadid_logs.load import read_log
     from quadid_logs.report.swing import swing_lines, swing_text
-    from quadid_logs.vehicle_file import read_vehicle
 
-    known = None if vehicle is None else read_vehicle(vehicle)
+    known = vehicle_of(vehicle)
     # The mass that was given, or that of the vehicle file.
     if mass_kg is None and known is not None:
         mass_kg = known.mass_kg
@@ -107,9 +115,6 @@ def swing(
         progress("fit")
         part = settings.align
         found = measure(content, hung, axis, start_s=part.start_s, end_s=part.end_s)
-    if as_json:
-        say(swing_text(content.path, hung, found).rstrip("\n"))
-        return 0
-    for line in swing_lines(content.path, found, known):
-        say(line)
+    text, lines = swing_text(content.path, hung, found), swing_lines(content.path, found, known)
+    say_outcome(text, lines, code=0, as_json=as_json, quiet=False)
     return 0

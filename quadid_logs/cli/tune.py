@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +10,7 @@ import typer
 
 from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.longest import of_longest
+from quadid_logs.cli.longest import analyze_longest
 from quadid_logs.cli.options import (
     Band,
     EndS,
@@ -22,6 +21,7 @@ from quadid_logs.cli.options import (
     System,
     VehicleFile,
     settings_of,
+    vehicle_of,
 )
 from quadid_logs.cli.page import open_page
 from quadid_logs.cli.progress import Progress
@@ -31,13 +31,9 @@ from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from quadid_logs.data.autotune import AutotuneForecast
     from quadid_logs.data.off_nominal import Ranges
     from quadid_logs.data.result import EarlierFlight, Result
     from quadid_logs.data.tuning import Limits, Tuning
-    from quadid_logs.report.provenance import Provenance
 
 _DEFAULT_FOLDER = Path("quadid-tune")
 _HIGHEST_DB, _HIGHEST_DEG = 40.0, 90.0
@@ -133,12 +129,16 @@ def tune(
     gains to load, or to keep. 1: no advice on at least one axis. 2: the log could not be read.
     """
     from quadid_logs.earlier import with_earlier
-    from quadid_logs.pipeline import analyze
     from quadid_logs.report.provenance import provenance_of
-    from quadid_logs.report.tune_folder import check_tune_folder, tune_folder
-    from quadid_logs.report.tune_page import PAGE_FILE, tune_page
-    from quadid_logs.tuning import autotune_forecasts, next_loops, recommend, what_if_grids
-    from quadid_logs.vehicle_file import read_vehicle
+    from quadid_logs.report.tune_folder import (
+        JSON_FILE,
+        check_tune_folder,
+        tune_folder,
+        tuning_files,
+        write_tuning,
+    )
+    from quadid_logs.report.tune_page import PAGE_FILE
+    from quadid_logs.tuning import autotune_forecasts, recommend, what_if_grids
 
     limits = _limits(gain_margin_db, phase_margin_deg)
     ranges = _ranges(mass_range, density_range, propeller_range)
@@ -147,32 +147,26 @@ def tune(
     provenance = provenance_of(log, str(context.obj or ""))
     folder = tune_folder(output or _DEFAULT_FOLDER, log, provenance.log_sha256, log_number)
     check_tune_folder(folder, force=force)
-    described = None if vehicle is None else read_vehicle(vehicle)
+    described = vehicle_of(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
     before = []
     for one in earlier or ():
         with Progress(one.name, quiet=quiet) as progress:
             own = settings_of(band=band, system=system)
-            of_log = partial(analyze, one, vehicle=described, published=False, progress=progress)
-            before.append(of_longest(one, own, of_log))
+            before.append(analyze_longest(one, own, described, published=False, progress=progress))
     with Progress(log.name, quiet=quiet) as progress:
-        of_log = partial(analyze, log, vehicle=described, published=False, progress=progress)
-        result = of_longest(log, settings, of_log)
+        result = analyze_longest(log, settings, described, published=False, progress=progress)
         result = with_earlier(result, before)
         progress("tune")
         tuning = recommend(result, limits, apart=apart, filters=filters, ranges=ranges)
         forecasts = autotune_forecasts(result, tuning)
-        page = partial(
-            tune_page,
-            forecasts=forecasts,
-            grids=what_if_grids(result, tuning),
-            following=next_loops(result, tuning),
-        )
-    text, written, removed = _write(result, tuning, provenance, folder, forecasts, page)
+        grids = what_if_grids(result, tuning)
+        files = tuning_files(result, tuning, provenance, forecasts, grids, folder=folder.name)
+    removed = write_tuning(folder, files)
     if as_json:
-        say(text.rstrip("\n"))
+        say(files[JSON_FILE].rstrip("\n"))
     elif not quiet:
-        _show(result, tuning, folder, written, removed)
+        _show(result, tuning, folder, tuple(sorted(files)), removed)
     elif tuning.refused:
         report_problem(f"{printable(log.name)}: no advice on {listed(tuning.refused)}")
     if open_report:
@@ -204,35 +198,6 @@ def _ranges(*given: tuple[float, float] | None) -> Ranges:
     from quadid_logs.data.off_nominal import OFF_NOMINAL, Ranges, checked
 
     return checked(Ranges(*(one or default for one, default in zip(given, OFF_NOMINAL, strict=True))))
-
-
-def _write(
-    result: Result,
-    tuning: Tuning,
-    provenance: Provenance,
-    folder: Path,
-    forecasts: Mapping[str, tuple[AutotuneForecast, ...]],
-    page: Callable[[Result, Tuning, Provenance], str],
-) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
-    """Write page, JSON and parameter files; return the JSON, what was written, and what was removed."""
-    from quadid_logs.promise import promise_of
-    from quadid_logs.report.gain_files import gain_files
-    from quadid_logs.report.promise_file import PROMISE_FILE, promise_text
-    from quadid_logs.report.tune_card import flight_files
-    from quadid_logs.report.tune_folder import JSON_FILE, write_tuning
-    from quadid_logs.report.tune_page import PAGE_FILE
-    from quadid_logs.report.tuning_json import tuning_text
-
-    texts = {**gain_files(result, tuning), **flight_files(result, tuning)}
-    promised = promise_of(result, tuning, provenance.log_sha256)
-    if promised is not None:
-        texts[PROMISE_FILE] = promise_text(promised, provenance)
-    files = {name: text.encode() for name, text in texts.items()}
-    files[PAGE_FILE] = page(result, tuning, provenance).encode()
-    names = tuple(sorted((*files, JSON_FILE)))
-    text = tuning_text(result, tuning, provenance, names, forecasts, folder.name)
-    files[JSON_FILE] = text.encode("ascii")
-    return text, names, write_tuning(folder, files)
 
 
 def _show(

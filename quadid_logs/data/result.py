@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import NamedTuple
 
-from quadid_logs.data.closed_loop import ClosedLoop
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop
 from quadid_logs.data.diagnosis import Diagnosis, Verdict
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.health import Health
@@ -76,6 +76,20 @@ class Result:
     def verdict(self) -> dict[str, Verdict]:
         """Verdict of each axis: "usable", "caution" or "refused"."""
         return {axis: found.verdict for axis, found in self.diagnosis.axes.items()}
+
+    def loop_of(self, axis: str) -> AxisLoop | None:
+        """Return the rate loop of an axis; None where it is not known.
+
+        Parameters
+        ----------
+        axis : str
+            roll, pitch or yaw.
+
+        Returns
+        -------
+        AxisLoop or None
+        """
+        return None if self.closed_loop is None else self.closed_loop.axes.get(axis)
 
     def __repr__(self) -> str:
         model = self.identification.recommended

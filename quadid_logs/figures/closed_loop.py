@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
+from quadid_logs.control.room import whole
 from quadid_logs.data.closed_loop import AxisLoop, LoopCurve
 from quadid_logs.data.result import Result
 from quadid_logs.figures.spec import Axis, Band, Curve, Figure, Label, LeftOut, Level, Mark, Panel, Ribbon
@@ -201,7 +202,7 @@ def _nyquist(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     near = np.abs(curve.response) < _NYQUIST
     loop = np.where(near, curve.response, np.nan + 0j)
     curves = [Curve(label="model", x=loop.real, y=loop.imag, role="modelled")]
-    disk = (margins.full or margins.rate).disk_margin
+    disk = whole(margins).disk_margin
     if disk is not None:
         ends = -(2.0 - disk.value) / (2.0 + disk.value), -(2.0 + disk.value) / (2.0 - disk.value)
         turn = np.linspace(0.0, 2.0 * np.pi, 73)

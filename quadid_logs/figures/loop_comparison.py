@@ -116,7 +116,7 @@ def next_loop_figure(
 
 def _loop(result: Result, axis: str) -> AxisLoop | None:
     """Return the loop of an axis; None where it has none to draw."""
-    found = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
+    found = result.loop_of(axis)
     return None if found is None or found.curve is None else found
 
 

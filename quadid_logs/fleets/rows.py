@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any, Final, get_args
 
+from quadid_logs.control.room import whole
 from quadid_logs.data.diagnosis import Verdict
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model
@@ -292,9 +293,9 @@ def _axis_part(result: Result, number: int) -> dict[str, Any]:
     gains = shaping_gains(result, axis)
     if gains:
         found["gains"] = json.dumps(gains)
-    loop = None if result.closed_loop is None else result.closed_loop.axes.get(axis)
+    loop = result.loop_of(axis)
     if loop is not None and loop.margins is not None:
-        margins = loop.margins.full or loop.margins.rate
+        margins = whole(loop.margins)
         for name in MARGINS:
             figure = getattr(margins, name)
             if not margins.stable:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from quadid_logs.comparison import Comparison, Quantity
 from quadid_logs.control.room import outermost
-from quadid_logs.data.closed_loop import AxisLoop, Estimated
+from quadid_logs.data.closed_loop import Estimated
 from quadid_logs.data.promise import Decision, Held
 from quadid_logs.data.result import Result
 from quadid_logs.promise import checked
@@ -57,7 +57,7 @@ def comparison_lines(before: Result, after: Result, comparison: Comparison) -> t
         lines.append(f"  {axis:<5}  {change}{f': {printable(reason, 400)}' if reason else ''}")
         lines += _quantity_lines(comparison, axis)
         # With all that is known to close the loop.
-        both = [outermost(loop) if (loop := _loop(result, axis)) else None for result in (before, after)]
+        both = [outermost(loop) if (loop := result.loop_of(axis)) else None for result in (before, after)]
         for name, words, unit in _MARGINS:
             figures = [None if margins is None else getattr(margins, name) for margins in both]
             if all(isinstance(figure, Estimated) for figure in figures):
@@ -94,10 +94,6 @@ def _quantity_lines(comparison: Comparison, axis: str) -> list[str]:
         words = f"{printable(quantity.words, 60)} {values} {pretty_unit(quantity.unit)}"
         lines.append(f"{'':9}{words}: {told}")
     return lines
-
-
-def _loop(result: Result, axis: str) -> AxisLoop | None:
-    return None if result.closed_loop is None else result.closed_loop.axes.get(axis)
 
 
 def throttle_note(quantity: Quantity) -> str:
@@ -192,7 +188,7 @@ def comparison_text(before: Result, after: Result, comparison: Comparison) -> st
         "parameters": [one._asdict() for one in comparison.parameters],
         "closed_loop": {
             axis: {
-                name: None if (loop := _loop(result, axis)) is None else margins_and_step(loop)
+                name: None if (loop := result.loop_of(axis)) is None else margins_and_step(loop)
                 for name, result in (("before", before), ("after", after))
             }
             for axis in comparison.axes

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.autopilots import known, named
+from quadid_logs.control.room import whole
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import AxisTuning, Tuning
 from quadid_logs.report.numbers import number
@@ -85,7 +86,7 @@ def _lines(axis: str, found: AxisTuning) -> Iterator[tuple[str, str, str]]:
 def reason_text(found: AxisTuning) -> str:
     """Return in a few words why an axis changes."""
     title = found.reasons[0].title if found.reasons else ""
-    outer = None if found.next is None else found.next.full or found.next.rate
+    outer = None if found.next is None else whole(found.next)
     figures = []
     if outer is not None and outer.gain_margin_db is not None:
         figures.append(f"{number(outer.gain_margin_db.ci95[0], 2)} dB")

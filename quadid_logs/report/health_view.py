@@ -119,7 +119,7 @@ def _hint(result: Result, health: Health) -> str:
         hint = hint.format(tune=on_log(result, "tune"))
         # What predicts this frequency: the model's rate loop, a mode of the frame, or the motors' limits.
         found, hz = [], mine.line.frequency_hz
-        loop = None if result.closed_loop is None else result.closed_loop.axes.get(mine.axis)
+        loop = result.loop_of(mine.axis)
         margins = None if loop is None or loop.margins is None else loop.margins.rate
         figure = None if margins is None else margins.oscillation_hz
         if figure is not None and figure.ci95[0] <= hz <= figure.ci95[1]:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from quadid_logs.align.clock import EVENTS
 from quadid_logs.autopilots import formats, named
+from quadid_logs.counting import counted
 from quadid_logs.data.flight import FlightData, SourceChoice
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
@@ -29,8 +30,8 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
     """Return what the log is."""
     log, data = result.log, result.data
     period_s = data.sample_period_s
-    lost = f"{size(log.corrupt_bytes)} in {_counted(len(log.lost), 'block', 'blocks')}"
-    dropped = f"{_counted(log.n_dropped, 'message', 'messages')} dropped by the autopilot"
+    lost = f"{size(log.corrupt_bytes)} in {counted(len(log.lost), 'block')}"
+    dropped = f"{counted(log.n_dropped, 'message')} dropped by the autopilot"
     torque = "none found"
     if data.input is not None:
         unit = "in N m" if data.input.unit == "N m" else "normalised command, not N m"
@@ -42,7 +43,7 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
     title = titles.get((log.format, log.dialect), f"{plain} {printable(log.dialect, 40)}".rstrip())
     clock = "covers no time"
     if data.duration_s > 0.0:
-        resets = _counted(data.clock_resets, "reset", "resets") if data.clock_resets else "no resets"
+        resets = counted(data.clock_resets, "reset") if data.clock_resets else "no resets"
         clock = f"{seconds(data.duration_s)}, from {data.start_s:.1f} s on the log's clock; {resets}"
     facts = [
         ("File", f"{printable(log.path)} ({size(log.n_bytes)})"),
@@ -73,17 +74,6 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
         ]
         facts.append(("MAVLink systems", some(systems, log.n_systems)))
     return tuple(facts)
-
-
-def _counted(count: int, one: str, many: str) -> str:
-    """Return a number with its noun.
-
-    Examples
-    --------
-    >>> _counted(1, "block", "blocks"), _counted(0, "block", "blocks")
-    ('1 block', '0 blocks')
-    """
-    return f"{count} {one if count == 1 else many}"
 
 
 def flights_text(log: FlightLog, data: FlightData) -> str:

@@ -7,10 +7,10 @@ from typing import Any, Final
 
 from quadid_logs.control.command_units import in_degrees
 from quadid_logs.control.filters import filter_costs, rate_crossover
-from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, Margins
+from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, LoopMargins, Margins
 from quadid_logs.data.controller import CommandUnit, Replay
 from quadid_logs.data.health import Line
-from quadid_logs.report.outer_view import outer_dict
+from quadid_logs.data.outer_loops import OuterLoops
 
 #: Of `Margins`, each with its interval.
 MARGIN_FIGURES: Final = (
@@ -60,7 +60,7 @@ def closed_loop_dict(loop: ClosedLoop, lines: Mapping[str, Sequence[Line]]) -> d
                     "torque_fit_percent": found.prediction.torque_fit_percent,
                     "attainable_percent": found.prediction.attainable_percent,
                     "held_out_s": found.prediction.held_out_s,
-                    "effectiveness": _estimated(found.prediction.effectiveness),
+                    "effectiveness": estimated_dict(found.prediction.effectiveness),
                     "at_limits": found.prediction.at_limits,
                 },
                 **margins_and_step(found),
@@ -79,7 +79,7 @@ def closed_loop_dict(loop: ClosedLoop, lines: Mapping[str, Sequence[Line]]) -> d
             }
             for axis, found in loop.axes.items()
         },
-        "outer": outer_dict(loop.outer, margins_dict),
+        "outer": _outer(loop.outer),
     }
 
 
@@ -90,7 +90,7 @@ def _filters(loop: ClosedLoop, axis: str, lines: Sequence[Line]) -> list[dict[st
             "name": cost.name or None,
             "place": cost.place.value,
             "centre_hz": cost.centre_hz or None,
-            "phase_cost_deg": _estimated(cost.phase_deg),
+            "phase_cost_deg": estimated_dict(cost.phase_deg),
             "at_lines": [
                 {"frequency_hz": line.frequency_hz, "source": line.source.value, "gain_db": gain_db}
                 for line, gain_db in zip(lines, cost.at_lines_db, strict=True)
@@ -106,8 +106,62 @@ def _control_gain(found: Estimated | None, unit: CommandUnit | None) -> dict[str
         return None
     own = None if unit is None else in_degrees(found, unit)
     return {
-        "rad_s2_per_command": _estimated(found),
+        "rad_s2_per_command": estimated_dict(found),
         "deg_s2_per_own_unit": None if own is None or unit is None else {**own._asdict(), "unit": unit.name},
+    }
+
+
+def _outer(outer: OuterLoops | None) -> dict[str, Any] | None:
+    """Return ``outer``: the replays of the loops around the rate loop, and their margins."""
+    if outer is None:
+        return None
+    # The parameters of all outer controllers.
+    gains = dict(outer.controllers.attitude.gains)
+    for each in (outer.controllers.horizontal, outer.controllers.vertical):
+        gains |= {} if each is None else each.gains
+    return {
+        "gains": gains,
+        "attitude": {
+            axis: {
+                "shown": found.shown.value,
+                "relative_rms": found.relative_rms,
+                "gain_over_parameter": estimated_dict(found.gain),
+                "n_rows": found.n_rows,
+            }
+            for axis, found in outer.attitude.items()
+        },
+        "shaper": {
+            axis: {
+                "relative_rms": found.relative_rms,
+                "unshaped_rms": found.unshaped_rms,
+                "n_rows": found.n_rows,
+            }
+            for axis, found in outer.shaper.items()
+        },
+        "cascades": {
+            direction: {
+                "shown": found.shown.value,
+                "position_gain_over_parameter": estimated_dict(found.position),
+                "velocity_gain_over_parameter": estimated_dict(found.velocity),
+                "integral_gain_over_parameter": estimated_dict(found.integral),
+                "position_relative_rms": found.position_rms,
+                "velocity_relative_rms": found.velocity_rms,
+                "velocity_error_m_s": found.velocity_error_m_s,
+                "velocity_moved_m_s": found.velocity_moved_m_s,
+                "position_error_m": found.position_error_m,
+                "n_rows": found.n_rows,
+                "row_s": found.row_s,
+            }
+            for direction, found in outer.cascades.items()
+        },
+        "loops": {
+            axis: {
+                "attitude_hz": estimated_dict(found.attitude_hz),
+                "velocity": margins_dict(found.velocity),
+                "whole": None if found.whole is None else margins_dict(found.whole),
+            }
+            for axis, found in outer.loops.items()
+        },
     }
 
 
@@ -118,18 +172,13 @@ def margins_and_step(found: AxisLoop) -> dict[str, Any]:
     """
     margins, step = found.margins, found.step
     return {
-        "margins": None
-        if margins is None
-        else {
-            "rate": margins_dict(margins.rate),
-            "full": None if margins.full is None else margins_dict(margins.full),
-        },
+        "margins": loops_dict(margins),
         "step": None
         if step is None
         else {
-            "rise_time_s": _estimated(step.rise_time_s),
-            "overshoot_percent": _estimated(step.overshoot_percent),
-            "settling_time_s": _estimated(step.settling_time_s),
+            "rise_time_s": estimated_dict(step.rise_time_s),
+            "overshoot_percent": estimated_dict(step.overshoot_percent),
+            "settling_time_s": estimated_dict(step.settling_time_s),
         },
     }
 
@@ -149,6 +198,14 @@ def _replay(replay: Replay) -> dict[str, Any]:
     }
 
 
+def loops_dict(margins: LoopMargins | None) -> dict[str, Any] | None:
+    """Return the margins of the rate loop, and with the angle loop; None where nothing may be said."""
+    if margins is None:
+        return None
+    full = None if margins.full is None else margins_dict(margins.full)
+    return {"rate": margins_dict(margins.rate), "full": full}
+
+
 def margins_dict(margins: Margins) -> dict[str, Any]:
     """Return the margins of one loop.
 
@@ -158,10 +215,10 @@ def margins_dict(margins: Margins) -> dict[str, Any]:
         "stable": margins.stable,
         "stable_fraction": margins.stable_fraction,
         "extrapolated": margins.extrapolated,
-        **{name: _estimated(getattr(margins, name)) for name in MARGIN_FIGURES},
+        **{name: estimated_dict(getattr(margins, name)) for name in MARGIN_FIGURES},
     }
 
 
-def _estimated(figure: Estimated | None) -> dict[str, Any] | None:
+def estimated_dict(figure: Estimated | None) -> dict[str, Any] | None:
     """Return a figure with its interval."""
     return None if figure is None else {"value": figure.value, "ci95": figure.ci95}

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from quadid_logs.control.room import whole
-from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
+from quadid_logs.data.closed_loop import Estimated, Margins
 from quadid_logs.data.off_nominal import Condition, ConditionKind
 from quadid_logs.data.tuning import AxisTuning, Tuning
 from quadid_logs.report.cells import Cell, Table
-from quadid_logs.report.loop_json import margins_dict
+from quadid_logs.report.loop_json import estimated_dict, loops_dict
 from quadid_logs.report.numbers import interval, number, resolved
 
 _BATTERIES: Final = (ConditionKind.BATTERY_FULL, ConditionKind.BATTERY_EMPTY)
@@ -107,21 +107,12 @@ def off_nominal_dict(found: AxisTuning) -> list[dict[str, Any]]:
             "density": one.condition.density,
             "propeller": one.condition.propeller,
             "voltage_v": one.condition.voltage_v if math.isfinite(one.condition.voltage_v) else None,
-            "effectiveness": _estimated(one.effectiveness),
-            "lag": _estimated(one.lag),
-            "now": _loops(one.now),
-            "next": None if one.next is None else _loops(one.next),
+            "effectiveness": estimated_dict(one.effectiveness),
+            "lag": estimated_dict(one.lag),
+            "now": loops_dict(one.now),
+            "next": loops_dict(one.next),
             "part_of_limits": one.spare if math.isfinite(one.spare) else None,
             "worst": one.worst,
         }
         for one in found.off_nominal
     ]
-
-
-def _loops(margins: LoopMargins) -> dict[str, Any]:
-    full = None if margins.full is None else margins_dict(margins.full)
-    return {"rate": margins_dict(margins.rate), "full": full}
-
-
-def _estimated(figure: Estimated) -> dict[str, Any]:
-    return {"value": figure.value, "ci95": list(figure.ci95)}

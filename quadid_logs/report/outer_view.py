@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, Final
+from typing import Final
 
 from quadid_logs.control.outer_findings import outermost
-from quadid_logs.data.closed_loop import Estimated
 from quadid_logs.data.outer_loops import OuterLoop, OuterLoops, Shown
 from quadid_logs.report.cells import Cell, Table, estimated_cell
 from quadid_logs.report.numbers import number
@@ -134,72 +133,3 @@ def _attitude_table(outer: OuterLoops) -> Table | None:
 
 def _percent(value: float) -> str:
     return f"{number(100.0 * value, 2)} %"
-
-
-def outer_dict(outer: OuterLoops | None, margins_dict: Any) -> dict[str, Any] | None:
-    """Return ``outer`` of ``closed_loop``.
-
-    Parameters
-    ----------
-    margins_dict : callable
-        Writes `Margins`.
-
-    Returns
-    -------
-    dict or None
-        Values not yet `plain`.
-    """
-    if outer is None:
-        return None
-    # The parameters of all outer controllers.
-    gains = dict(outer.controllers.attitude.gains)
-    for each in (outer.controllers.horizontal, outer.controllers.vertical):
-        gains |= {} if each is None else each.gains
-    return {
-        "gains": gains,
-        "attitude": {
-            axis: {
-                "shown": found.shown.value,
-                "relative_rms": found.relative_rms,
-                "gain_over_parameter": _figure(found.gain),
-                "n_rows": found.n_rows,
-            }
-            for axis, found in outer.attitude.items()
-        },
-        "shaper": {
-            axis: {
-                "relative_rms": found.relative_rms,
-                "unshaped_rms": found.unshaped_rms,
-                "n_rows": found.n_rows,
-            }
-            for axis, found in outer.shaper.items()
-        },
-        "cascades": {
-            direction: {
-                "shown": found.shown.value,
-                "position_gain_over_parameter": _figure(found.position),
-                "velocity_gain_over_parameter": _figure(found.velocity),
-                "integral_gain_over_parameter": _figure(found.integral),
-                "position_relative_rms": found.position_rms,
-                "velocity_relative_rms": found.velocity_rms,
-                "velocity_error_m_s": found.velocity_error_m_s,
-                "velocity_moved_m_s": found.velocity_moved_m_s,
-                "position_error_m": found.position_error_m,
-                "n_rows": found.n_rows,
-                "row_s": found.row_s,
-            }
-            for direction, found in outer.cascades.items()
-        },
-        "loops": {
-            axis: {
-                "attitude_hz": _figure(found.attitude_hz),
-                "velocity": margins_dict(found.velocity),
-                "whole": None if found.whole is None else margins_dict(found.whole),
-            }
-            for axis, found in outer.loops.items()
-        },
-    }
-
-
-def _figure(figure: Estimated | None) -> dict[str, Any] | None:
-    return None if figure is None else {"value": figure.value, "ci95": figure.ci95}

@@ -15,7 +15,7 @@ from quadid_logs.data.promise import AxisPromise, Gain, Promise, QuantityKind, V
 from quadid_logs.data.tuning import Limits, TuningVerdict
 from quadid_logs.errors import PromiseFileError, SettingsError
 from quadid_logs.report.json import fields_of, strict_text
-from quadid_logs.report.loop_json import MARGIN_FIGURES, margins_dict
+from quadid_logs.report.loop_json import MARGIN_FIGURES, loops_dict
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
@@ -39,13 +39,8 @@ def promise_text(promise: Promise, provenance: Provenance) -> str:
         balance = {"centre": centre, "place": promise.balance.place}
     axes = {}
     for axis, one in promise.axes.items():
-        margins = one.margins
-        loops = None
-        if margins is not None:
-            full = None if margins.full is None else margins_dict(margins.full)
-            loops = {"rate": margins_dict(margins.rate), "full": full}
         gains = {name: gain._asdict() for name, gain in one.gains.items()}
-        axes[axis] = {"verdict": one.verdict, "gains": gains, "margins": loops}
+        axes[axis] = {"verdict": one.verdict, "gains": gains, "margins": loops_dict(one.margins)}
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "kind": _KIND,

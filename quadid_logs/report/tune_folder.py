@@ -6,17 +6,56 @@ import json
 from collections.abc import Mapping
 from pathlib import Path, PurePath
 
+from quadid_logs.data.autotune import AutotuneForecast
+from quadid_logs.data.result import Result
+from quadid_logs.data.tuning import Tuning
+from quadid_logs.data.what_if import WhatIf
 from quadid_logs.diagnose.advice import plannable
 from quadid_logs.errors import OutputError
 from quadid_logs.output import check_folder_free, new_folder, write_together
+from quadid_logs.promise import promise_of
 from quadid_logs.report.folder import folder_names
-from quadid_logs.report.gain_files import file_names, tunable_autopilots
+from quadid_logs.report.gain_files import file_names, gain_files, tunable_autopilots
 from quadid_logs.report.plan import CARD_FILE, plan_file_names
-from quadid_logs.report.promise_file import PROMISE_FILE
-from quadid_logs.report.tune_page import PAGE_FILE
+from quadid_logs.report.promise_file import PROMISE_FILE, promise_text
+from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.tune_card import flight_files
+from quadid_logs.report.tune_page import PAGE_FILE, tune_page
+from quadid_logs.report.tuning_json import tuning_text
+from quadid_logs.tuning import next_loops
 from quadid_logs.untrusted import printable
 
 JSON_FILE = "tune.json"
+
+
+def tuning_files(
+    result: Result,
+    tuning: Tuning,
+    provenance: Provenance,
+    forecasts: Mapping[str, tuple[AutotuneForecast, ...]] | None = None,
+    grids: Mapping[str, WhatIf] | None = None,
+    *,
+    page: str = PAGE_FILE,
+    folder: str = "",
+) -> dict[str, str]:
+    """Return the text of each file of a tuning by its name: gains, card, promise, page, and JSON at last.
+
+    Parameters
+    ----------
+    forecasts, grids : mapping, optional
+        As of `tune_page`.
+    page : str
+        Name of the page.
+    folder : str
+        Name of the folder, for the JSON.
+    """
+    files = {**gain_files(result, tuning), **flight_files(result, tuning)}
+    promised = promise_of(result, tuning, provenance.log_sha256)
+    if promised is not None:
+        files[PROMISE_FILE] = promise_text(promised, provenance)
+    files[page] = tune_page(result, tuning, provenance, forecasts, grids, next_loops(result, tuning))
+    names = tuple(sorted((*files, JSON_FILE)))
+    return files | {JSON_FILE: tuning_text(result, tuning, provenance, names, forecasts, folder)}
 
 
 def tune_folder(parent: Path, log: PurePath, log_sha256: str, number: int = 0) -> Path:
@@ -65,13 +104,15 @@ def check_tune_folder(folder: Path, *, force: bool) -> None:
     check_folder_free(folder, _possible_files(), force=force)
 
 
-def write_tuning(folder: Path, files: Mapping[str, bytes]) -> tuple[str, ...]:
+def write_tuning(folder: Path, files: Mapping[str, str]) -> tuple[str, ...]:
     """Write the files of a tuning, all of them or none.
 
     Parameters
     ----------
     folder : Path
         Of `tune_folder`.
+    files : mapping of str to str
+        Of `tuning_files`.
 
     Returns
     -------
@@ -83,17 +124,18 @@ def write_tuning(folder: Path, files: Mapping[str, bytes]) -> tuple[str, ...]:
     OutputError
         If a file that leads back to flown values would be replaced by one with other values.
     """
+    contents = {name: text.encode() for name, text in files.items()}
     backs = _back_files()
     there = {name for name in backs if (folder / name).exists()}
     for name in sorted(there & files.keys()):
-        if (folder / name).read_bytes() != files[name]:
+        if (folder / name).read_bytes() != contents[name]:
             raise OutputError(
                 f"{printable(folder / name)} holds the way back to other values, so it is not replaced.",
                 hint="Choose another -o.",
             )
     stale = sorted(name for name in _possible_files() - files.keys() - backs if (folder / name).exists())
     with new_folder(folder):
-        write_together(folder, {name: files[name] for name in files.keys() - there})
+        write_together(folder, {name: contents[name] for name in files.keys() - there})
         for name in stale:
             (folder / name).unlink(missing_ok=True)
     return tuple(stale)

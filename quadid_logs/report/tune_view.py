@@ -11,6 +11,7 @@ import numpy as np
 
 from quadid_logs.autopilots import named
 from quadid_logs.control.room import has_way_back, missed, whole
+from quadid_logs.counting import counted
 from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.catalogue import MOST_NOISE
 from quadid_logs.data.closed_loop import Estimated, Margins
@@ -177,20 +178,16 @@ def _act(found: AxisTuning) -> str:
             return "keep the gains"
         case "raise" | "lower" as way:
             if found.reasons[0].code == "QL641":
-                return f"{way} {_counted(len(found.changes), 'gain')}"
+                return f"{way} {counted(len(found.changes), 'gain')}"
             # By what the common gain changes.
             change = next(one for one in found.changed_gains.values() if one.now)
             ratio = change.next / change.now
             return f"{way} the gains to {number(100.0 * ratio, 2 if ratio < 1.0 else 3)} %"
         case "reshape":
-            gains = _counted(len(found.changed_gains), "gain")
+            gains = counted(len(found.changed_gains), "gain")
             if found.filters:
-                return f"change {_counted(len(found.filters), 'setting')} of the filters and {gains}"
+                return f"change {counted(len(found.filters), 'setting')} of the filters and {gains}"
             return f"change {gains}"
-
-
-def _counted(number_of: int, noun: str) -> str:
-    return f"{number_of} {noun}{'' if number_of == 1 else 's'}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -324,7 +321,7 @@ def _progress(found: AxisTuning, limits: Limits) -> str:
 
 
 def _more(n_flights: int) -> str:
-    return f"about {_counted(n_flights, 'more flight')}"
+    return f"about {counted(n_flights, 'more flight')}"
 
 
 def autotune_words(forecast: AutotuneForecast) -> str:

@@ -8,11 +8,10 @@ from typing import Any
 
 from quadid_logs.control.room import has_way_back, missed
 from quadid_logs.data.autotune import AutotuneForecast, ProcedureKind
-from quadid_logs.data.closed_loop import LoopMargins
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import AxisTuning, Limits, Tuning
 from quadid_logs.report.json import fields_of, finding_dict, log_dict, strict_text
-from quadid_logs.report.loop_json import margins_dict
+from quadid_logs.report.loop_json import loops_dict
 from quadid_logs.report.off_nominal import off_nominal_dict
 from quadid_logs.report.provenance import Provenance
 from quadid_logs.untrusted import printable
@@ -90,18 +89,9 @@ def _axis(found: AxisTuning, limits: Limits) -> dict[str, Any]:
         "findings": [finding_dict(one) for one in found.reasons],
         "gains": {name: change._asdict() for name, change in found.gains.items()},
         "filters": {name: change._asdict() for name, change in found.filters.items()},
-        "now": _loops(found.now),
-        "next": _loops(found.next),
+        "now": loops_dict(found.now),
+        "next": loops_dict(found.next),
         "off_nominal": off_nominal_dict(found),
         "attitude_error_ratio": found.attitude_error,
         "torque_noise": {"now": found.torque_noise, "next": found.torque_noise_next},
-    }
-
-
-def _loops(margins: LoopMargins | None) -> dict[str, Any] | None:
-    if margins is None:
-        return None
-    return {
-        "rate": margins_dict(margins.rate),
-        "full": None if margins.full is None else margins_dict(margins.full),
     }

@@ -189,27 +189,17 @@ def _compare(job: Job, tell: Tell) -> Done:
 def _tune(job: Job, tell: Tell) -> Done:
     """Do what ``quadid-log tune`` does: the first log, with the others as earlier flights."""
     from quadid_logs.earlier import with_earlier
-    from quadid_logs.promise import promise_of
-    from quadid_logs.report.gain_files import gain_files
-    from quadid_logs.report.promise_file import PROMISE_FILE, promise_text
     from quadid_logs.report.provenance import Provenance
-    from quadid_logs.report.tune_card import flight_files
-    from quadid_logs.report.tune_page import tune_page
+    from quadid_logs.report.tune_folder import tuning_files
     from quadid_logs.report.tune_view import headline
-    from quadid_logs.report.tuning_json import tuning_text
-    from quadid_logs.tuning import next_loops, tuning_of
+    from quadid_logs.tuning import tuning_of
 
     result, *earlier = (_result_of(job, which, tell)[1] for which in range(len(job.logs)))
     result = with_earlier(result, earlier)
     tell("tune", None)
     tuning = tuning_of(result)
     provenance = Provenance(version=__version__, command="", log_sha256=job.sha256[0])
-    files = {**gain_files(result, tuning), **flight_files(result, tuning)}
-    promised = promise_of(result, tuning, job.sha256[0])
-    if promised is not None:
-        files[PROMISE_FILE] = promise_text(promised, provenance)
-    files[PAGE_FILE] = tune_page(result, tuning, provenance, following=next_loops(result, tuning))
-    files["tune.json"] = tuning_text(result, tuning, provenance, tuple(sorted((*files, "tune.json"))))
+    files = tuning_files(result, tuning, provenance, page=PAGE_FILE)
     _write(job, files)
     return Done(summary={"headline": headline(tuning)})
 
