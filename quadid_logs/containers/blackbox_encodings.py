@@ -188,7 +188,16 @@ def frame_values(
             at = _run_of_vbs(block, at, layout.encoding[group.first :], out, valid)
             continue
         if group.encoding == TAG8_8SVB:
-            _tag8_8svb(block, at, out, valid)
+            # Fill in the fields that bits of the first byte say are not zero.
+            tag = block.bytes[at]
+            behind = at + 1
+            for k in range(len(out)):
+                here = np.flatnonzero(tag & (1 << k))
+                begin = behind[here]
+                end = block.safe(block.vb_end(begin, 1))
+                out[k, here] = _zigzag(block.vb(begin, end))
+                valid[here] &= end - begin <= _LONGEST_VB
+                behind[here] = end
         elif group.encoding == TAG8_4S16:
             # Fill in four fields of 0, 4, 8 or 16 bits, as the first byte says; half bytes follow, high
             # first.
@@ -241,19 +250,6 @@ def _run_of_vbs(
             out[k] = _zigzag(value)
         start = end
     return block.safe(start)
-
-
-def _tag8_8svb(block: Block, at: IntArray, out: Words, valid: BoolArray) -> None:
-    """Fill in the fields that bits of the first byte say are not zero."""
-    tag = block.bytes[at]
-    start = at + 1
-    for k in range(len(out)):
-        here = np.flatnonzero(tag & (1 << k))
-        begin = start[here]
-        end = block.safe(block.vb_end(begin, 1))
-        out[k, here] = _zigzag(block.vb(begin, end))
-        valid[here] &= end - begin <= _LONGEST_VB
-        start[here] = end
 
 
 def _tag2_3(

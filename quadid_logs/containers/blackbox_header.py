@@ -123,7 +123,18 @@ def read_header(file: FileParts, start: int, stop: int, accept: Accept | None = 
         raise _unreadable(
             file, f"its data version is {texts['Data version'][:20]!r}, but only version 2 is known"
         )
-    layouts = _layouts(file, texts)
+    # Layout of each kind of frame by its letter; P has the names of I.
+    rows: dict[tuple[str, str], list[str]] = {
+        (field[1], field[2]): text.split(",")
+        for name, text in texts.items()
+        if (field := _FIELD_LINE.fullmatch(name))
+    }
+    for about in ("name", "signed"):
+        if ("I", about) in rows:
+            rows["P", about] = rows["I", about]
+    layouts = {letter: _layout(file, letter, rows) for letter in "IPSGH" if (letter, "name") in rows}
+    if not {"I", "P"} <= layouts.keys() or layouts["I"].names[:2] != ("loopIteration", "time"):
+        raise _unreadable(file, "it does not say which fields its frames have")
     # The intervals of I and P frames, written as "4" or "1/4".
     whole = re.match(r"\s*(\d{1,5})\b", texts.get("I interval", "32"))
     between = re.match(r"\s*(\d{1,5})(?:/(\d{1,5}))?\b", texts.get("P interval", "1/1"))
@@ -140,22 +151,6 @@ def _unreadable(file: FileParts, why: str) -> UnknownFormatError:
         f"The Blackbox log in {file.path} cannot be read: {why}.",
         hint="The header is damaged or of an unknown version. Download the log again.",
     )
-
-
-def _layouts(file: FileParts, texts: dict[str, str]) -> dict[str, Layout]:
-    """Return the layout of each kind of frame by its letter; P has the names of I."""
-    rows: dict[tuple[str, str], list[str]] = {
-        (match[1], match[2]): text.split(",")
-        for name, text in texts.items()
-        if (match := _FIELD_LINE.fullmatch(name))
-    }
-    for about in ("name", "signed"):
-        if ("I", about) in rows:
-            rows["P", about] = rows["I", about]
-    layouts = {letter: _layout(file, letter, rows) for letter in "IPSGH" if (letter, "name") in rows}
-    if not {"I", "P"} <= layouts.keys() or layouts["I"].names[:2] != ("loopIteration", "time"):
-        raise _unreadable(file, "it does not say which fields its frames have")
-    return layouts
 
 
 def _layout(file: FileParts, letter: str, rows: dict[tuple[str, str], list[str]]) -> Layout:

@@ -10,7 +10,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from quadid_logs.arrays import AnyArray, IntArray
+from quadid_logs.arrays import AnyArray
 from quadid_logs.containers.content import FileParts, decode_text
 from quadid_logs.containers.dataflash_index import (
     DEFINING,
@@ -135,11 +135,41 @@ class DataFlashFile:
         Only types that occur. Values are scaled by their format character (``c C e E`` by 1/100, ``L`` by
         1e-7) and otherwise as logged.
         """
-        return self._decode(self._groups(types), labels)
+        # Each definition of the named types with the positions of its rows.
+        index = self._index
+        wanted = {
+            type_id: versions
+            for type_id, versions in index.definitions.items()
+            if types is None or any(version.name in types for version in versions)
+        }
+        is_wanted = np.zeros(256, np.bool_)
+        is_wanted[list(wanted)] = True
+        rows = np.flatnonzero(is_wanted[index.type_id])
+        type_ids = index.type_id[rows]
+        # Stable, so rows stay in file order; a radix sort for one byte.
+        positions = index.position[rows][np.argsort(type_ids, kind="stable")]
+        bounds = np.concatenate([[0], np.cumsum(np.bincount(type_ids, minlength=256))]).tolist()
+        return self._decode(
+            [
+                group
+                for type_id, versions in wanted.items()
+                for group in by_version(versions, positions[bounds[type_id] : bounds[type_id + 1]])
+                if types is None or group[0].name in types
+            ],
+            labels,
+        )
 
     def first_and_last(self) -> dict[str, MessageTable]:
         """Decode the first and the last row of every message type."""
-        first, last = _first_and_last(self._index.type_id)
+        # First and the last row of each id, -1 for ids that do not occur.
+        first, last = np.full(256, -1, np.int64), np.full(256, -1, np.int64)
+        for start in range(0, len(self._index.type_id), _SEARCH_ROWS):
+            part = self._index.type_id[start : start + _SEARCH_ROWS]
+            numbers = np.arange(start, start + len(part))
+            last[part] = numbers  # of repeated indices, the last value stays
+            new = np.full(256, -1, np.int64)
+            new[part[::-1]] = numbers[::-1]
+            first = np.where(first < 0, new, first)
         ends: dict[str, list[tuple[MessageDefinition, AnyArray]]] = {}
         for type_id, versions in self._index.definitions.items():
             if first[type_id] >= 0:
@@ -173,28 +203,6 @@ class DataFlashFile:
             )
             tables.setdefault(definition.name, []).append(table)
         return {name: join_tables(parts) for name, parts in tables.items()}
-
-    def _groups(self, types: Collection[str] | None) -> list[tuple[MessageDefinition, AnyArray]]:
-        """Return each definition of the named types with the positions of its rows."""
-        index = self._index
-        wanted = {
-            type_id: versions
-            for type_id, versions in index.definitions.items()
-            if types is None or any(version.name in types for version in versions)
-        }
-        is_wanted = np.zeros(256, np.bool_)
-        is_wanted[list(wanted)] = True
-        rows = np.flatnonzero(is_wanted[index.type_id])
-        type_ids = index.type_id[rows]
-        # Stable, so rows stay in file order; a radix sort for one byte.
-        positions = index.position[rows][np.argsort(type_ids, kind="stable")]
-        bounds = np.concatenate([[0], np.cumsum(np.bincount(type_ids, minlength=256))]).tolist()
-        return [
-            group
-            for type_id, versions in wanted.items()
-            for group in by_version(versions, positions[bounds[type_id] : bounds[type_id + 1]])
-            if types is None or group[0].name in types
-        ]
 
 
 def read_messages(path: str | Path, types: Collection[str] | None = None) -> dict[str, MessageTable]:
@@ -242,19 +250,6 @@ def check_not_empty(file: DataFlashFile) -> None:
 
 
 _POSITION: Final = "\0position"
-
-
-def _first_and_last(type_ids: ByteArray) -> tuple[IntArray, IntArray]:
-    """Return the first and the last row of each id, -1 for ids that do not occur."""
-    first, last = np.full(256, -1, np.int64), np.full(256, -1, np.int64)
-    for start in range(0, len(type_ids), _SEARCH_ROWS):
-        part = type_ids[start : start + _SEARCH_ROWS]
-        rows = np.arange(start, start + len(part))
-        last[part] = rows  # of repeated indices, the last value stays
-        new = np.full(256, -1, np.int64)
-        new[part[::-1]] = rows[::-1]
-        first = np.where(first < 0, new, first)
-    return first, last
 
 
 def _gather(

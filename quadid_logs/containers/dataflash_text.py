@@ -50,14 +50,37 @@ class TextLog:
             if comma:
                 by_name.setdefault(name.decode("latin-1"), []).append(number)
         self._by_name = by_name
-        self._definitions = self._read_definitions()
+        # Parse the FMT lines; a definition that changes holds from its line on.
+        definitions: dict[str, list[MessageDefinition]] = {}
+        for number in self._by_name.get("FMT", ()):
+            definition = parse_definition_line(self._lines[number], number)
+            if definition is None:
+                continue
+            versions = definitions.setdefault(definition.name, [])
+            if not versions or versions[-1].columns != definition.columns:
+                versions.append(definition)
+        self._definitions = definitions
         first = self._by_name["FMT"][0] if self._definitions else len(self._lines)
         self.preamble = tuple(
             filter(
                 None, (_decode(line[:_LONGEST_LINE]) for line in self._lines[: min(first, _PREAMBLE_LINES)])
             )
         )
-        self._bad = self._unreadable_lines(first)
+        # Find the lines that belong to no definition or have too few fields.
+        bad: dict[int, str] = {}
+        for kind, lines in self._by_name.items():
+            if kind not in self._definitions:
+                bad.update({line: "no definition (FMT) of this line" for line in lines if line >= first})
+                continue
+            needed = min(len(version.columns) for version in self._definitions[kind])
+            if kind != "FMT":
+                bad.update(
+                    {line: "too few fields" for line in lines if self._lines[line].count(b",") < needed}
+                )
+        for number in range(first, len(self._lines)):
+            if self._lines[number].strip() and b"," not in self._lines[number]:
+                bad[number] = "no message"
+        self._bad = bad
 
     @classmethod
     def open(cls, path: str | Path) -> TextLog:
@@ -117,36 +140,6 @@ class TextLog:
             name: list(dict.fromkeys([rows[0], rows[-1]])) for name, rows in self._by_name.items() if rows
         }
         return self._parse({name: ends[name] for name in self._definitions if name in ends and name != "FMT"})
-
-    def _read_definitions(self) -> dict[str, list[MessageDefinition]]:
-        """Parse the FMT lines; a definition that changes holds from its line on."""
-        definitions: dict[str, list[MessageDefinition]] = {}
-        for number in self._by_name.get("FMT", ()):
-            definition = parse_definition_line(self._lines[number], number)
-            if definition is None:
-                continue
-            versions = definitions.setdefault(definition.name, [])
-            if not versions or versions[-1].columns != definition.columns:
-                versions.append(definition)
-        return definitions
-
-    def _unreadable_lines(self, first: int) -> dict[int, str]:
-        """Find the lines that belong to no definition or have too few fields."""
-        bad: dict[int, str] = {}
-        for name, lines in self._by_name.items():
-            versions = self._definitions.get(name)
-            if versions is None:
-                bad.update({line: "no definition (FMT) of this line" for line in lines if line >= first})
-                continue
-            needed = min(len(version.columns) for version in versions)
-            if name != "FMT":
-                bad.update(
-                    {line: "too few fields" for line in lines if self._lines[line].count(b",") < needed}
-                )
-        for number in range(first, len(self._lines)):
-            if self._lines[number].strip() and b"," not in self._lines[number]:
-                bad[number] = "no message"
-        return bad
 
     def _parse(
         self, lines_of: dict[str, list[int]], labels: Collection[str] | None = None

@@ -114,17 +114,14 @@ class LogTail:
             content = bytes(unread[at : at + length])
             at += length
             if name == "FMT":
-                self._define(content)
+                # Learn from a format message how long another is, and whether it begins with a time.
+                number, long, characters = content[3], content[4], content[9:25]
+                if long >= _HEAD:
+                    called = content[5:9].rstrip(b"\0").decode("ascii", "replace")
+                    self._formats[number] = long, called, characters.startswith(b"Q") and long >= _HEAD + 8
             if name in _STATES:
                 self._keep(content)
             elif is_stamped:
                 (stamp,) = _STAMP.unpack_from(content, _HEAD)
                 yield _Row(1e-6 * stamp, content[2], content)
         del unread[: min(at, len(unread))]
-
-    def _define(self, content: bytes) -> None:
-        """Learn from a format message how long another is, and whether it begins with a time."""
-        kind, length, characters = content[3], content[4], content[9:25]
-        if length >= _HEAD:
-            name = content[5:9].rstrip(b"\0").decode("ascii", "replace")
-            self._formats[kind] = length, name, characters.startswith(b"Q") and length >= _HEAD + 8

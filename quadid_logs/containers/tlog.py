@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import AnyArray, FloatArray, IntArray
-from quadid_logs.containers.content import Bytes, FileParts, rows_at
+from quadid_logs.containers.content import FileParts, rows_at
 from quadid_logs.containers.mavlink_clock import (
     BOOT_MS,
     USEC,
@@ -239,20 +239,18 @@ def _decode(
             filled[msg_id] = place.stop
             # What we do not know of a payload is left out.
             body = table.rows.view((np.uint8, table.rows.dtype.itemsize))
-            _copy_payloads(block, some.payload - begin, some.length, body[place])
+            # Copy the payloads into the rows of `body`, those of equal length together.
+            payload = some.payload - begin
+            body = body[place]
+            kept = np.minimum(some.length, min(body.shape[1], 255))
+            for size in np.flatnonzero(np.bincount(kept, minlength=1)).tolist():
+                group = np.flatnonzero(kept == size)
+                copied = rows_at(block, payload[group], np.dtype((np.void, size)))
+                body[group, :size] = copied.view(np.uint8).reshape(len(group), size)
             table.position[place] = some.start
             table.system_id[place] = some.system
             table.component_id[place] = some.component
     return {table.name: table for table in tables.values()}
-
-
-def _copy_payloads(block: Bytes, payload: IntArray, length: AnyArray, body: Bytes) -> None:
-    """Copy the payloads into the rows of `body`, those of equal length together."""
-    kept = np.minimum(length, min(body.shape[1], 255))
-    for size in np.flatnonzero(np.bincount(kept, minlength=1)).tolist():
-        group = np.flatnonzero(kept == size)
-        part = rows_at(block, payload[group], np.dtype((np.void, size)))
-        body[group, :size] = part.view(np.uint8).reshape(len(group), size)
 
 
 def _boot_clock(

@@ -325,7 +325,20 @@ def _take_other(walk: _Walk, position: int) -> int:
         walk.n_unknown += 1
         return after
     try:
-        _take(walk, kind, body, position)
+        # Decode a message other than data, and learn the sizes of a new topic.
+        known = walk.known
+        n_topics = len(known.subscriptions)
+        known.take(kind, body, position)
+        if len(known.subscriptions) > n_topics:
+            topic = known.subscriptions[-1]
+            if walk.least[topic.msg_id] < NO_SIZE:
+                # Ids have a new meaning from here on: the images found before are void.
+                walk.images = _no_images()
+                walk.stale = True
+            walk.least[topic.msg_id] = topic.dtype.itemsize
+            walk.most[topic.msg_id] = topic.max_size
+            walk.topic[topic.msg_id] = n_topics
+            walk.stale = True
     except BrokenMessageError:
         if not _continues(walk, after):
             return _resynchronise(walk, position)
@@ -348,23 +361,6 @@ def _take_single(walk: _Walk, position: int, after: int) -> bool:
         return False
     walk.accepted.append((np.array([position]), walk.topic[msg_id : msg_id + 1].copy()))
     return True
-
-
-def _take(walk: _Walk, kind: int, body: bytes, position: int) -> None:
-    """Decode a message other than data, and learn the sizes of a new topic."""
-    known = walk.known
-    n_topics = len(known.subscriptions)
-    known.take(kind, body, position)
-    if len(known.subscriptions) > n_topics:
-        topic = known.subscriptions[-1]
-        if walk.least[topic.msg_id] < NO_SIZE:
-            # Ids have a new meaning from here on: the images found before are void.
-            walk.images = _no_images()
-            walk.stale = True
-        walk.least[topic.msg_id] = topic.dtype.itemsize
-        walk.most[topic.msg_id] = topic.max_size
-        walk.topic[topic.msg_id] = n_topics
-        walk.stale = True
 
 
 def _resynchronise(walk: _Walk, position: int) -> int:

@@ -183,7 +183,26 @@ def _residuals(model: Model, fit: FitSeries) -> Figure:
                 model_of=axis,
             )
         )
-        panels.append(_distribution(axis, left_over[:, column], fit))
+        # Histograms of the residual of fitted and of held-out samples.
+        own = left_over[:, column]
+        finite = np.isfinite(own)
+        reach = float(np.quantile(np.abs(own[finite]), 0.998)) if finite.any() else 1.0
+        edges = np.linspace(-reach or -1.0, reach or 1.0, 61)
+        curves = []
+        for label, role, chosen in (("fitted", axis, ~fit.held_out), ("validation", "ink", fit.held_out)):
+            values = own[finite & chosen]
+            if values.size:
+                percent = np.histogram(values, edges)[0] * (100.0 / values.size)
+                curves.append(Curve(label=label, x=(edges[1:] + edges[:-1]) / 2.0, y=percent, role=role))
+        panels.append(
+            Panel(
+                title=f"{axis.capitalize()}: distribution",
+                x=Axis(label="residual", unit="deg/s²"),
+                y=Axis(label="fraction of samples", unit="%"),
+                curves=tuple(curves),
+                model_of=axis,
+            )
+        )
     return Figure(
         key="residuals",
         title=f"Residuals: {model.structure}",
@@ -194,26 +213,6 @@ def _residuals(model: Model, fit: FitSeries) -> Figure:
         ),
         panels=tuple(panels),
         columns=2,
-    )
-
-
-def _distribution(axis: str, left_over: FloatArray, fit: FitSeries) -> Panel:
-    """Return histograms of the residual of fitted and of held-out samples."""
-    finite = np.isfinite(left_over)
-    reach = float(np.quantile(np.abs(left_over[finite]), 0.998)) if finite.any() else 1.0
-    edges = np.linspace(-reach or -1.0, reach or 1.0, 61)
-    curves = []
-    for label, role, chosen in (("fitted", axis, ~fit.held_out), ("validation", "ink", fit.held_out)):
-        values = left_over[finite & chosen]
-        if values.size:
-            percent = np.histogram(values, edges)[0] * (100.0 / values.size)
-            curves.append(Curve(label=label, x=(edges[1:] + edges[:-1]) / 2.0, y=percent, role=role))
-    return Panel(
-        title=f"{axis.capitalize()}: distribution",
-        x=Axis(label="residual", unit="deg/s²"),
-        y=Axis(label="fraction of samples", unit="%"),
-        curves=tuple(curves),
-        model_of=axis,
     )
 
 

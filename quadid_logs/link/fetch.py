@@ -160,7 +160,25 @@ class Logs:
                 raise OutputError(
                     f"{printable(folder)} has no room for {log.size / 1e6:.0f} MB.", hint="Free it."
                 )
-            self._receive(log, file, tell)
+            if self._vehicle is None:
+                # Append the missing bytes of a file on a card.
+                source = Path(log.path)
+                with source.open("rb") as card:
+                    card.seek(file.tell())
+                    while file.tell() < log.size and (
+                        block := card.read(min(_BLOCK, log.size - file.tell()))
+                    ):
+                        file.write(block)
+                        tell(file.tell())
+                if file.tell() != log.size:
+                    raise LinkError(
+                        f"The card gave {file.tell()} of {log.size} bytes of {printable(source.name)}.",
+                        hint="Check the card. The same command continues where it stopped.",
+                    )
+            elif self._files is not None:
+                self._files.read(log.path, file, log.size, tell)
+            else:
+                RequestedLog(self._vehicle, int(log.path), log.size).read(file, tell)
             checked = self._check(log, file, part)
         target = folder / _with_ending(log.name, part)
         if os.path.lexists(target) and not force and target.name != log.name:
@@ -170,25 +188,6 @@ class Logs:
         except OSError as error:
             raise OutputError(f"{printable(target)} cannot be written: {error.strerror or error}.") from error
         return Fetched(path=target, checked=checked)
-
-    def _receive(self, log: RemoteLog, file: BinaryIO, tell: Callable[[int], None]) -> None:
-        if self._vehicle is None:
-            # Append the missing bytes of a file on a card.
-            source = Path(log.path)
-            with source.open("rb") as card:
-                card.seek(file.tell())
-                while file.tell() < log.size and (block := card.read(min(_BLOCK, log.size - file.tell()))):
-                    file.write(block)
-                    tell(file.tell())
-            if file.tell() != log.size:
-                raise LinkError(
-                    f"The card gave {file.tell()} of {log.size} bytes of {printable(source.name)}.",
-                    hint="Check the card. The same command continues where it stopped.",
-                )
-        elif self._files is not None:
-            self._files.read(log.path, file, log.size, tell)
-        else:
-            RequestedLog(self._vehicle, int(log.path), log.size).read(file, tell)
 
     def _check(self, log: RemoteLog, file: BinaryIO, part: Path) -> bool:
         """Compare with the vehicle's checksum; a log that grows meanwhile has none."""

@@ -151,7 +151,31 @@ class Recorder:
         losses = self.state.losses
         try:
             self._driver.start(time.monotonic())
-            self._receive(done, tell)
+            # Take messages until the end.
+            flushed_s, disarmed_s, n_told = 0.0, float("inf"), 0
+            while not done.is_set():
+                message = self._vehicle.next(time.monotonic() + 0.02)
+                now_s = time.monotonic()
+                if message is not None:
+                    self._driver.take(message, now_s)
+                self._driver.tick(now_s)
+                state = self.state
+                if state.armed != self._vehicle.armed:
+                    state.armed = self._vehicle.armed
+                    state.was_armed |= state.armed
+                    disarmed_s = float("inf") if state.armed else now_s
+                for event in state.losses.events[n_told:]:
+                    tell(event)
+                n_told = len(state.losses.events)
+                if self._file is not None and now_s - flushed_s > _FLUSH_S:
+                    flushed_s = now_s
+                    self._file.flush()
+                    state.n_bytes = self._driver.n_bytes
+                if state.was_armed and now_s - disarmed_s > _LANDED_S:
+                    break
+                if now_s - self._vehicle.heard_s > self._patience.gone_s:
+                    raise LinkError(f"the vehicle was not heard for {self._patience.gone_s:.0f} s.")
+            self._driver.finish()
         except LinkError as error:
             if not self.state.paths:
                 raise
@@ -168,33 +192,6 @@ class Recorder:
                 "The vehicle sent no log.",
                 hint="Many vehicles log only while they are armed. See docs/live.md for what to set.",
             )
-
-    def _receive(self, done: threading.Event, tell: Callable[[str], None]) -> None:
-        """Take messages until the end."""
-        flushed_s, disarmed_s, n_told = 0.0, float("inf"), 0
-        while not done.is_set():
-            message = self._vehicle.next(time.monotonic() + 0.02)
-            now_s = time.monotonic()
-            if message is not None:
-                self._driver.take(message, now_s)
-            self._driver.tick(now_s)
-            state = self.state
-            if state.armed != self._vehicle.armed:
-                state.armed = self._vehicle.armed
-                state.was_armed |= state.armed
-                disarmed_s = float("inf") if state.armed else now_s
-            for event in state.losses.events[n_told:]:
-                tell(event)
-            n_told = len(state.losses.events)
-            if self._file is not None and now_s - flushed_s > _FLUSH_S:
-                flushed_s = now_s
-                self._file.flush()
-                state.n_bytes = self._driver.n_bytes
-            if state.was_armed and now_s - disarmed_s > _LANDED_S:
-                break
-            if now_s - self._vehicle.heard_s > self._patience.gone_s:
-                raise LinkError(f"the vehicle was not heard for {self._patience.gone_s:.0f} s.")
-        self._driver.finish()
 
     def _new_file(self) -> BinaryIO:
         """End the file, and open the next one: a new one, never through a link."""
@@ -263,7 +260,20 @@ class _ByFrames:
     def take(self, message: Any, now_s: float) -> None:
         kind = message.get_type()
         if kind == "COMMAND_ACK":
-            self._take_answer(int(message.command), int(message.result), now_s)
+            command = int(message.command)
+            result = int(message.result)
+            if command == _STOP:
+                self._stopped = True
+            elif command == _START and result in {_ACCEPTED, _IN_PROGRESS}:
+                self._accepted = True
+            elif command == _START and self._stream is None:
+                if result != _BUSY:
+                    raise LinkError(
+                        f"The vehicle refuses to stream its log (MAV_RESULT {result}).",
+                        hint="Enable logging over MAVLink on the vehicle: see docs/live.md.",
+                    )
+                # A stream whose stop was lost is still on.
+                self._begin_again(now_s)
         elif kind in {"LOGGING_DATA", "LOGGING_DATA_ACKED"}:
             if not for_us(message):
                 self._losses.foreign += 1
@@ -295,20 +305,6 @@ class _ByFrames:
     def close(self, now_s: float) -> None:
         if self._stream is not None:
             self._stream.close(now_s)
-
-    def _take_answer(self, command: int, result: int, now_s: float) -> None:
-        if command == _STOP:
-            self._stopped = True
-        elif command == _START and result in {_ACCEPTED, _IN_PROGRESS}:
-            self._accepted = True
-        elif command == _START and self._stream is None:
-            if result != _BUSY:
-                raise LinkError(
-                    f"The vehicle refuses to stream its log (MAV_RESULT {result}).",
-                    hint="Enable logging over MAVLink on the vehicle: see docs/live.md.",
-                )
-            # A stream whose stop was lost is still on.
-            self._begin_again(now_s)
 
     def _take_frame(self, message: Any, now_s: float) -> None:
         data, first = bytes(message.data)[: message.length], int(message.first_message_offset)

@@ -9,7 +9,7 @@ from typing import Any
 from quadid_logs.control.room import has_way_back, missed
 from quadid_logs.data.autotune import AutotuneForecast, ProcedureKind
 from quadid_logs.data.result import Result
-from quadid_logs.data.tuning import AxisTuning, Limits, Tuning
+from quadid_logs.data.tuning import Tuning
 from quadid_logs.report.json import fields_of, finding_dict, log_dict, strict_text
 from quadid_logs.report.loop_json import loops_dict
 from quadid_logs.report.off_nominal import off_nominal_dict
@@ -54,7 +54,23 @@ def tuning_text(
         "limits": tuning.limits._asdict(),
         "ranges": {name: list(ends) for name, ends in tuning.ranges._asdict().items()},
         "axes": {
-            axis: _axis(found, tuning.limits)
+            axis: {
+                "verdict": found.verdict,
+                "direction": found.direction,
+                "limits_missed": None if found.next is None else missed(found.next, tuning.limits),
+                "way_back": has_way_back(found, tuning.limits) if found.changes else None,
+                "more_flights": found.more_flights,
+                "flights_to_limits": found.flights_to_limits,
+                "reasons": [one.code for one in found.reasons],
+                "findings": [finding_dict(one) for one in found.reasons],
+                "gains": {name: change._asdict() for name, change in found.gains.items()},
+                "filters": {name: change._asdict() for name, change in found.filters.items()},
+                "now": loops_dict(found.now),
+                "next": loops_dict(found.next),
+                "off_nominal": off_nominal_dict(found),
+                "attitude_error_ratio": found.attitude_error,
+                "torque_noise": {"now": found.torque_noise, "next": found.torque_noise_next},
+            }
             # Where the autopilot's own procedures would end, None where that is not known.
             | dict.fromkeys(kind.value for kind in ProcedureKind)
             | {
@@ -74,24 +90,3 @@ def tuning_text(
         "files": list(files),
     }
     return strict_text(content)
-
-
-def _axis(found: AxisTuning, limits: Limits) -> dict[str, Any]:
-    """Return the entry of an axis."""
-    return {
-        "verdict": found.verdict,
-        "direction": found.direction,
-        "limits_missed": None if found.next is None else missed(found.next, limits),
-        "way_back": has_way_back(found, limits) if found.changes else None,
-        "more_flights": found.more_flights,
-        "flights_to_limits": found.flights_to_limits,
-        "reasons": [one.code for one in found.reasons],
-        "findings": [finding_dict(one) for one in found.reasons],
-        "gains": {name: change._asdict() for name, change in found.gains.items()},
-        "filters": {name: change._asdict() for name, change in found.filters.items()},
-        "now": loops_dict(found.now),
-        "next": loops_dict(found.next),
-        "off_nominal": off_nominal_dict(found),
-        "attitude_error_ratio": found.attitude_error,
-        "torque_noise": {"now": found.torque_noise, "next": found.torque_noise_next},
-    }

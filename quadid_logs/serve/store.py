@@ -110,7 +110,23 @@ class ServeStore:
                         f"{printable(self.folder)} was made by another version.",
                         hint="Choose another --store.",
                     )
-                self._take_up()
+                # Delete what is not complete, and put back into the queue what was running.
+                entries = self.entries()
+                for entry in entries.values():
+                    if entry.state is State.RUNNING:
+                        # Its server ended while it was being done.
+                        if entry.n_begun < MOST_BEGUN:
+                            resumed = replace(entry, state=State.QUEUED)
+                        else:
+                            reason = f"The server ended {entry.n_begun} times during this analysis."
+                            resumed = replace(entry, state=State.FAILED, error=reason)
+                        self.put(resumed)
+                logs = {log for entry in entries.values() for log in entry.logs}
+                done = {entry.id for entry in entries.values() if entry.state is State.DONE}
+                for part, kept in ((UPLOADS, set()), (WORK, set()), (LOGS, logs), (RESULTS, done)):
+                    for path in (self.folder / part).iterdir():
+                        if path.name not in kept:
+                            _delete(path)
                 _make_private(self.folder)
         except BaseException:
             self._lock.release()
@@ -123,25 +139,6 @@ class ServeStore:
         with self._guard:
             self._database.close()
         self._lock.release()
-
-    def _take_up(self) -> None:
-        """Delete what is not complete, and put back into the queue what was running."""
-        entries = self.entries()
-        for entry in entries.values():
-            if entry.state is State.RUNNING:
-                # Its server ended while it was being done.
-                if entry.n_begun < MOST_BEGUN:
-                    resumed = replace(entry, state=State.QUEUED)
-                else:
-                    reason = f"The server ended {entry.n_begun} times during this analysis."
-                    resumed = replace(entry, state=State.FAILED, error=reason)
-                self.put(resumed)
-        logs = {log for entry in entries.values() for log in entry.logs}
-        done = {entry.id for entry in entries.values() if entry.state is State.DONE}
-        for part, kept in ((UPLOADS, set()), (WORK, set()), (LOGS, logs), (RESULTS, done)):
-            for path in (self.folder / part).iterdir():
-                if path.name not in kept:
-                    _delete(path)
 
     def secret(self) -> bytes:
         """Return 32 random bytes that no other user can read, the same at every start."""

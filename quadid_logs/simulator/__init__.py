@@ -198,7 +198,21 @@ def plan_flights(
     # Control rate: a whole multiple of the logging rate, about 400 Hz.
     if not 1.0 <= rate_hz <= 2000.0:
         raise SimulationError(f"A rate of {rate_hz:g} Hz cannot be logged.", hint="Give 1 to 2000 Hz.")
-    loop_hz, schedule = (rate_hz * max(round(400.0 / rate_hz), 1)), _schedule(each_s)
+    # Phases of one flight, which are shortened for a short flight.
+    pace = min(1.0, each_s / 30.0)
+    loop_hz, schedule = (
+        (rate_hz * max(round(400.0 / rate_hz), 1)),
+        Schedule(
+            arm_s=0.5,
+            take_off_s=1.5,
+            manoeuvre_s=1.5 + 4.0 * pace,
+            land_s=each_s - 1.5 - 5.0 * pace,
+            touch_down_s=each_s - 1.5 - 1.0 * pace,
+            disarm_s=each_s - 0.8,
+            end_s=each_s,
+            height_m=1.0 + 4.0 * pace,
+        ),
+    )
     length = round(schedule.land_s * loop_hz) - round(schedule.manoeuvre_s * loop_hz)
     setups = []
     for flight in range(scenario.n_flights):
@@ -220,18 +234,3 @@ def plan_flights(
             )
         )
     return tuple(setups)
-
-
-def _schedule(duration_s: float) -> Schedule:
-    """Return the phases of one flight, which are shortened for a short flight."""
-    pace = min(1.0, duration_s / 30.0)
-    return Schedule(
-        arm_s=0.5,
-        take_off_s=1.5,
-        manoeuvre_s=1.5 + 4.0 * pace,
-        land_s=duration_s - 1.5 - 5.0 * pace,
-        touch_down_s=duration_s - 1.5 - 1.0 * pace,
-        disarm_s=duration_s - 0.8,
-        end_s=duration_s,
-        height_m=1.0 + 4.0 * pace,
-    )

@@ -9,8 +9,8 @@ import numpy as np
 
 from quadid_logs.autopilots.ardupilot.frames import FRAME_CLASSES, FRAME_TYPES
 from quadid_logs.errors import SimulationError
-from quadid_logs.simulator.closed_loop import SPIN_MAX, SPIN_MIN, Setup, Tuning, controller_gains, final_gains
-from quadid_logs.simulator.control import Gains, TrackingNotch
+from quadid_logs.simulator.closed_loop import SPIN_MAX, SPIN_MIN, Setup, controller_gains, final_gains
+from quadid_logs.simulator.control import TrackingNotch
 from quadid_logs.simulator.outputs import CELL_WARNING_V
 from quadid_logs.simulator.position_hold import PositionHold
 
@@ -328,7 +328,23 @@ def _ardupilot(setup: Setup, rate_hz: float) -> dict[str, float]:
     torque = np.any(setup.reference.torque, axis=0)
     if torque.any():
         values["SID_AXIS"] = 10 + int(np.argmax(torque))
-    return values | _ardupilot_gains(final_gains(setup), setup.tuning) | _ardupilot_position(setup.position)
+    # ATC_*: the loops that flew.
+    gains = final_gains(setup)
+    loops: dict[str, float] = {}
+    for axis, name in enumerate(("RLL", "PIT", "YAW")):
+        loops |= {
+            f"ATC_ANG_{name}_P": gains.attitude[axis],
+            f"ATC_RAT_{name}_P": gains.proportional[axis],
+            f"ATC_RAT_{name}_I": gains.integral[axis],
+            f"ATC_RAT_{name}_D": gains.derivative[axis],
+            f"ATC_RAT_{name}_FF": 0.0,
+            f"ATC_RAT_{name}_IMAX": gains.integral_limit,
+            f"ATC_RAT_{name}_FLTD": setup.tuning.of_derivative_hz(axis),
+            f"ATC_RAT_{name}_FLTE": setup.tuning.error_hz,
+            f"ATC_RAT_{name}_FLTT": setup.tuning.target_hz,
+            f"ATC_RAT_{name}_SMAX": setup.tuning.slew_limit,
+        }
+    return values | loops | _ardupilot_position(setup.position)
 
 
 def _ardupilot_position(hold: PositionHold | None) -> dict[str, float]:
@@ -377,25 +393,6 @@ def _ardupilot_notch(notch: TrackingNotch | None) -> dict[str, float]:
     }
 
 
-def _ardupilot_gains(gains: Gains, tuning: Tuning) -> dict[str, float]:
-    """ATC_*: the loops that flew."""
-    values: dict[str, float] = {}
-    for axis, name in enumerate(("RLL", "PIT", "YAW")):
-        values |= {
-            f"ATC_ANG_{name}_P": gains.attitude[axis],
-            f"ATC_RAT_{name}_P": gains.proportional[axis],
-            f"ATC_RAT_{name}_I": gains.integral[axis],
-            f"ATC_RAT_{name}_D": gains.derivative[axis],
-            f"ATC_RAT_{name}_FF": 0.0,
-            f"ATC_RAT_{name}_IMAX": gains.integral_limit,
-            f"ATC_RAT_{name}_FLTD": tuning.of_derivative_hz(axis),
-            f"ATC_RAT_{name}_FLTE": tuning.error_hz,
-            f"ATC_RAT_{name}_FLTT": tuning.target_hz,
-            f"ATC_RAT_{name}_SMAX": tuning.slew_limit,
-        }
-    return values
-
-
 def _px4(setup: Setup, rate_hz: float) -> dict[str, float]:
     """PX4: geometry, outputs, rate loops, filters, logging; CT and KM as a careful owner sets them."""
     airframe = setup.airframe
@@ -431,14 +428,11 @@ def _px4(setup: Setup, rate_hz: float) -> dict[str, float]:
             f"PWM_MAIN_MIN{i + 1}": _PWM_MIN,
             f"PWM_MAIN_MAX{i + 1}": _PWM_MAX,
         }
-    return values | _px4_gains(final_gains(setup)) | _px4_position(setup.position)
-
-
-def _px4_gains(gains: Gains) -> dict[str, float]:
-    """MC_*: the loops that flew."""
-    values: dict[str, float] = {}
+    # MC_*: the loops that flew.
+    gains = final_gains(setup)
+    loops: dict[str, float] = {}
     for axis, (name, short) in enumerate((("ROLL", "RR"), ("PITCH", "PR"), ("YAW", "YR"))):
-        values |= {
+        loops |= {
             f"MC_{name}_P": gains.attitude[axis],
             f"MC_{name}RATE_P": gains.proportional[axis],
             f"MC_{name}RATE_I": gains.integral[axis],
@@ -446,7 +440,7 @@ def _px4_gains(gains: Gains) -> dict[str, float]:
             f"MC_{name}RATE_K": 1.0,
             f"MC_{short}_INT_LIM": gains.integral_limit,
         }
-    return values
+    return values | loops | _px4_position(setup.position)
 
 
 def _betaflight(setup: Setup) -> dict[str, float]:

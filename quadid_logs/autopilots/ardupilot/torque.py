@@ -93,10 +93,23 @@ def rebuild(log: CleanLog, airframe: Airframe) -> Rebuilt:
                 reason="the pulse widths that the motors got, which include saturation and spin limits",
             ),
         )
+    # Say what the check does not cover.
+    parameters = log.log.parameters
+    prefix = motor_prefix(parameters)
+    slow = [
+        name
+        for name in (f"{prefix}MOT_SLEW_UP_TIME", f"{prefix}MOT_SLEW_DN_TIME")
+        if parameters.get(name, 0.0) > 0.0
+    ]
+    remarks = [f"{' and '.join(slow)} slow the motors down, which is not modelled."] if slow else []
+    if check is not None and check.law is DensityLaw.FITTED:
+        remarks.append(
+            "This firmware does not log its gain for thin air, so the gain was fitted to the pulse widths."
+        )
     return Rebuilt(
         series=found,
         check=check,
-        remarks=_remarks(log, check),
+        remarks=tuple(remarks),
         expo=AssumedExpo(value=settings.expo, parameter=f"{motor_prefix(log.log.parameters)}MOT_THST_EXPO"),
         output_range_us=settings.output_range_us(airframe.n_rotors),
     )
@@ -323,23 +336,6 @@ def _misfit(check: MixerCheck | None) -> float:
     if check is None:
         return math.inf
     return check.typical_us + (_HANDICAP_US if check.law is DensityLaw.FITTED else 0.0)
-
-
-def _remarks(log: CleanLog, check: MixerCheck | None) -> tuple[str, ...]:
-    """Say what the check does not cover."""
-    parameters = log.log.parameters
-    prefix = motor_prefix(parameters)
-    slow = [
-        name
-        for name in (f"{prefix}MOT_SLEW_UP_TIME", f"{prefix}MOT_SLEW_DN_TIME")
-        if parameters.get(name, 0.0) > 0.0
-    ]
-    remarks = [f"{' and '.join(slow)} slow the motors down, which is not modelled."] if slow else []
-    if check is not None and check.law is DensityLaw.FITTED:
-        remarks.append(
-            "This firmware does not log its gain for thin air, so the gain was fitted to the pulse widths."
-        )
-    return tuple(remarks)
 
 
 def thrust_law(log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG001

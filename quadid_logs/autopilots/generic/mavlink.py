@@ -224,6 +224,29 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
     message = content.messages.get("SYSTEM_TIME")
     # ArduPlane may call a plane that hovers fixed-wing, too.
     hovers = parameters.get("Q_ENABLE", 0.0) > 0.0
+    # Name who speaks in the file.
+    autopilots, types = enum_names("MAV_AUTOPILOT", "MAV_AUTOPILOT_"), enum_names("MAV_TYPE", "MAV_TYPE_")
+
+    def vehicle(mav_type: int) -> str:
+        known = vehicle_type_of(mav_type)
+        return types.get(mav_type, known).lower() if known == "unknown" else known
+
+    # Say what was decided or assumed.
+    remarks = []
+    chosen = content.chosen
+    others = [f"{one.system_id}/{one.component_id}" for one in content.senders if one is not chosen]
+    if others:
+        remarks.append(
+            f"System {chosen.system_id}, component {chosen.component_id} was read. The file also holds "
+            f"messages of {some(others, content.n_senders - 1)}. --system chooses another one."
+        )
+    if content.on_host_clock:
+        remarks.append(
+            "No message carries the autopilot's time. The recording computer's time stamps are used, which "
+            "can be wrong."
+        )
+    if content.n_unknown:
+        remarks.append(f"{content.n_unknown} packets are of a type that no known dialect defines.")
     return FlightLog(
         path=str(path),
         format="tlog",
@@ -238,13 +261,23 @@ def read(path: str | Path, *, system: int = 0) -> FlightLog:
         modes=_modes(content),
         texts=texts,
         lost=content.lost,
-        systems=_systems(content),
+        systems=tuple(
+            LoggedSystem(
+                system_id=one.system_id,
+                component_id=one.component_id,
+                autopilot=autopilots.get(one.autopilot, "unknown").lower(),
+                vehicle_type=vehicle(one.mav_type),
+                n_messages=one.n_messages,
+                chosen=one is content.chosen,
+            )
+            for one in content.senders
+        ),
         n_systems=content.n_senders,
         counts=content.counts,
         utc_offset_s=math.nan
         if message is None
         else utc_offset_s(message.rows["time_unix_usec"].astype(np.float64) / 1e6, content.time_s(message)),
-        remarks=_remarks(content),
+        remarks=tuple(remarks),
     )
 
 
@@ -264,27 +297,6 @@ def _signals(content: TlogContent) -> dict[str, tuple[Signal, ...]]:
 
     with np.errstate(invalid="ignore"):  # any four bytes can be a signalling NaN
         return build_signals(SOURCES, parts_of, separator=", ")
-
-
-def _systems(content: TlogContent) -> tuple[LoggedSystem, ...]:
-    """Name who speaks in the file."""
-    autopilots, types = enum_names("MAV_AUTOPILOT", "MAV_AUTOPILOT_"), enum_names("MAV_TYPE", "MAV_TYPE_")
-
-    def vehicle(mav_type: int) -> str:
-        known = vehicle_type_of(mav_type)
-        return types.get(mav_type, known).lower() if known == "unknown" else known
-
-    return tuple(
-        LoggedSystem(
-            system_id=one.system_id,
-            component_id=one.component_id,
-            autopilot=autopilots.get(one.autopilot, "unknown").lower(),
-            vehicle_type=vehicle(one.mav_type),
-            n_messages=one.n_messages,
-            chosen=one is content.chosen,
-        )
-        for one in content.senders
-    )
 
 
 def _text(raw: bytes) -> str:
@@ -362,23 +374,3 @@ def _firmware(content: TlogContent, texts: tuple[LogText, ...]) -> str:
     message = content.messages.get("AUTOPILOT_VERSION")
     version = int(message.rows["flight_sw_version"][-1]) if message is not None else 0
     return f"v{version >> 24 & 0xFF}.{version >> 16 & 0xFF}.{version >> 8 & 0xFF}" if version else ""
-
-
-def _remarks(content: TlogContent) -> tuple[str, ...]:
-    """Say what was decided or assumed."""
-    remarks = []
-    chosen = content.chosen
-    others = [f"{one.system_id}/{one.component_id}" for one in content.senders if one is not chosen]
-    if others:
-        remarks.append(
-            f"System {chosen.system_id}, component {chosen.component_id} was read. The file also holds "
-            f"messages of {some(others, content.n_senders - 1)}. --system chooses another one."
-        )
-    if content.on_host_clock:
-        remarks.append(
-            "No message carries the autopilot's time. The recording computer's time stamps are used, which "
-            "can be wrong."
-        )
-    if content.n_unknown:
-        remarks.append(f"{content.n_unknown} packets are of a type that no known dialect defines.")
-    return tuple(remarks)

@@ -42,7 +42,34 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
     effectiveness = effectiveness * rotors.thrust
     if np.linalg.matrix_rank(effectiveness) < 4:
         return Unknown(remark="The rotors in CA_ROTOR* cannot turn the vehicle about all axes.")
-    return _calibrated(rotors, normalised_allocation(effectiveness))
+    # Airframe, with arms, thrust and moment ratio where they are meant in physical units.
+    arms = np.hypot(rotors.position[:, 0], rotors.position[:, 1])
+    level = np.abs(rotors.position[:, :2])
+    no_arms = bool((np.isclose(level, 1.0) | (level == 0.0)).all()) or float(arms.max()) > _LONGEST_ARM_M
+    no_thrust = bool(np.isclose(rotors.thrust, _DEFAULT_CT).all() or (rotors.thrust <= 0.0).any())
+    no_ratio = bool(np.isclose(np.abs(rotors.ratio_m), _DEFAULT_KM).all())
+    untouched = [
+        text
+        for is_default, text in (
+            (no_arms, "arms of 1 m (CA_ROTORn_PX, PY)"),
+            (no_thrust, f"a thrust of {_DEFAULT_CT} (CA_ROTORn_CT)"),
+            (no_ratio, f"a torque-to-thrust ratio of {_DEFAULT_KM} (CA_ROTORn_KM)"),
+        )
+        if is_default
+    ]
+    remark = f"Not used as calibration, because they still have their defaults: {', '.join(untouched)}."
+    return Airframe(
+        name=f"{len(arms)} rotors",
+        source="CA_ROTORn_PX, PY, KM",
+        factors=normalised_allocation(effectiveness),
+        position=rotors.position / float(arms.max()) if no_arms else rotors.position,
+        spin=np.sign(rotors.ratio_m),
+        in_metres=not no_arms,
+        max_thrust_n=float("nan") if no_thrust else float(rotors.thrust.mean()),
+        torque_to_thrust_m=float("nan") if no_ratio else float(np.abs(rotors.ratio_m).mean()),
+        thrust_source="CA_ROTORn_CT",
+        refused=(remark,) if untouched else (),
+    )
 
 
 class _Rotors(NamedTuple):
@@ -68,37 +95,6 @@ class _Rotors(NamedTuple):
                 ]
             ),
         )
-
-
-def _calibrated(rotors: _Rotors, factors: FloatArray) -> Airframe:
-    """Return the airframe, with arms, thrust and moment ratio where they are meant in physical units."""
-    arms = np.hypot(rotors.position[:, 0], rotors.position[:, 1])
-    level = np.abs(rotors.position[:, :2])
-    no_arms = bool((np.isclose(level, 1.0) | (level == 0.0)).all()) or float(arms.max()) > _LONGEST_ARM_M
-    no_thrust = bool(np.isclose(rotors.thrust, _DEFAULT_CT).all() or (rotors.thrust <= 0.0).any())
-    no_ratio = bool(np.isclose(np.abs(rotors.ratio_m), _DEFAULT_KM).all())
-    untouched = [
-        text
-        for is_default, text in (
-            (no_arms, "arms of 1 m (CA_ROTORn_PX, PY)"),
-            (no_thrust, f"a thrust of {_DEFAULT_CT} (CA_ROTORn_CT)"),
-            (no_ratio, f"a torque-to-thrust ratio of {_DEFAULT_KM} (CA_ROTORn_KM)"),
-        )
-        if is_default
-    ]
-    remark = f"Not used as calibration, because they still have their defaults: {', '.join(untouched)}."
-    return Airframe(
-        name=f"{len(arms)} rotors",
-        source="CA_ROTORn_PX, PY, KM",
-        factors=factors,
-        position=rotors.position / float(arms.max()) if no_arms else rotors.position,
-        spin=np.sign(rotors.ratio_m),
-        in_metres=not no_arms,
-        max_thrust_n=float("nan") if no_thrust else float(rotors.thrust.mean()),
-        torque_to_thrust_m=float("nan") if no_ratio else float(np.abs(rotors.ratio_m).mean()),
-        thrust_source="CA_ROTORn_CT",
-        refused=(remark,) if untouched else (),
-    )
 
 
 class _Legacy(NamedTuple):
