@@ -36,9 +36,9 @@ from quadid_logs.diagnose.findings import finding
 from quadid_logs.promise import checked
 from quadid_logs.report.gain_files import gain_files
 from quadid_logs.report.provenance import Provenance
-from quadid_logs.report.step_picture import rise_words
 from quadid_logs.report.tune_card import flight_files
 from quadid_logs.report.tune_page import tune_page
+from quadid_logs.report.tune_pictures import rise_words
 from quadid_logs.report.tune_view import tune_view
 from quadid_logs.report.tuning_json import tuning_text
 from quadid_logs.tuning import autotune_forecasts, next_loops, recommend, tuning_of, what_if_grids

@@ -97,15 +97,6 @@ class _VehicleRow:
         return bool(self.fault or self.changes or self.open_change or self.scatter or self.outlier)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _FailureRow:
-    """One log that gave nothing."""
-
-    url: str
-    status: str
-    error: str
-
-
 def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
     """Return the page; every text is escaped by the template.
 
@@ -163,11 +154,11 @@ def fleet_page(fleet: Fleet, store: Path, page_folder: Path) -> str:
             coverage=coverage_words(fleet.coverage),
             all_clear=tuple(lines) or ("There is nothing to compare.",),
             failures=[
-                _FailureRow(
-                    url=printable(failure.url, 200),
-                    status=failure.status,
-                    error=printable(failure.error, 300),
-                )
+                {
+                    "url": printable(failure.url, 200),
+                    "status": failure.status,
+                    "error": printable(failure.error, 300),
+                }
                 for failure in fleet.failures[:_MOST_FAILURES]
             ],
             n_failures=len(fleet.failures),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import PurePath
 from types import MappingProxyType
 from typing import Final
@@ -23,16 +22,6 @@ from quadid_logs.untrusted import printable
 
 #: The style of each outcome: a change is neither good nor bad, but it must be seen.
 _STYLES: Final = MappingProxyType({"same": "usable", "changed": "caution", "not comparable": "refused"})
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AxisChangeView:
-    """What became of an axis, or of the actuators: the outcome, its style, and a sentence."""
-
-    axis: str
-    change: str
-    style: str
-    sentence: str
 
 
 def comparison_page(
@@ -101,7 +90,7 @@ def comparison_page(
     return page
 
 
-def _axis(comparison: Comparison, axis: str) -> AxisChangeView:
+def _axis(comparison: Comparison, axis: str) -> dict[str, str]:
     """Return what became of an axis in one sentence."""
     change = comparison.axes[axis]
     changed = [each for each in comparison.quantities if each.axis == axis and each.changed]
@@ -116,10 +105,10 @@ def _axis(comparison: Comparison, axis: str) -> AxisChangeView:
         shows = (f"{amount(each, each.margin)}{throttle_note(each)}" for each in own)
         seen = "".join(f" Smallest detectable change of effectiveness: {one}." for one in shows)
         sentence = f"No change detected.{seen}"
-    return AxisChangeView(axis=axis, change=change, style=_STYLES[change], sentence=sentence)
+    return {"axis": axis, "change": change, "style": _STYLES[change], "sentence": sentence}
 
 
-def _actuators(comparison: Comparison) -> Iterator[AxisChangeView]:
+def _actuators(comparison: Comparison) -> Iterator[dict[str, str]]:
     """Yield what became of lag and delay, which belong to all axes, where both flights tell them."""
     shared = [each for each in comparison.quantities if not each.axis]
     if not shared:
@@ -130,7 +119,7 @@ def _actuators(comparison: Comparison) -> Iterator[AxisChangeView]:
     sentence = f"No change detected. Smallest detectable change: {seen}."
     if changed:
         sentence = f"Changed: {'; '.join(changed)}."
-    yield AxisChangeView(axis="actuators", change=change, style=_STYLES[change], sentence=sentence)
+    yield {"axis": "actuators", "change": change, "style": _STYLES[change], "sentence": sentence}
 
 
 def _row(quantity: Quantity) -> tuple[Cell, ...]:

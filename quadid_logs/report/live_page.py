@@ -3,22 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from quadid_logs.live import LiveFigures, axis_words, notes
 from quadid_logs.numerals import number
 from quadid_logs.report.pages import environment
 from quadid_logs.untrusted import printable
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AxisBar:
-    """One axis: what is known of it, and how far its interval is from the one that is wanted."""
-
-    axis: str
-    words: str
-    fraction: float
-    is_enough: bool
 
 
 def live_page(
@@ -48,12 +37,13 @@ def live_page(
         .render(
             hint=printable(figures.hint, 400),
             axes=[
-                AxisBar(
-                    axis=axis.axis,
-                    words=axis_words(axis).removeprefix(f"{axis.axis} "),
-                    fraction=axis.fraction(figures.target),
-                    is_enough=axis.more_s == 0.0,
-                )
+                {
+                    "axis": axis.axis,
+                    "words": axis_words(axis).removeprefix(f"{axis.axis} "),
+                    # How far its interval is from the one that is wanted.
+                    "fraction": axis.fraction(figures.target),
+                    "is_enough": axis.more_s == 0.0,
+                }
                 for axis in figures.axes
             ],
             target=number(100.0 * figures.target, 2),

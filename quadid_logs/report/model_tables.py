@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.data.model import Inertia, Model, Parameter
+from quadid_logs.data.model import Inertia, Model, Parameter, ThrustCurve
 from quadid_logs.data.result import Result
+from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.identify.structures import STRUCTURES
 from quadid_logs.maths.rotational_dynamics import PRODUCTS
 from quadid_logs.report.cells import Cell, Table
-from quadid_logs.report.inertia_table import comparison_rows
-from quadid_logs.report.numbers import interval, number, resolved
-from quadid_logs.report.thrust_table import thrust_table
+from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
 from quadid_logs.report.verdict import input_unit, refused_axes
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, regressor_words, term_words
+
+if TYPE_CHECKING:
+    from quadid_logs.simulator.published import PublishedVehicle
 
 _HEADS = {target: f"{axis} acceleration" for target, axis in zip(ACCELERATION_SYMBOLS, AXES, strict=True)}
 _B_CAPTION = "B: effect of each torque"
@@ -29,6 +32,7 @@ _ROUNDING = 1e-6
 #: More names with one reason are called the others.
 _MOST_NAMED = 3
 _DISTRUSTED = "not to be trusted"
+_BY_SPEED: Final = "from the measured rotor speeds"
 _WORDS = {term.symbol: term.words for structure in STRUCTURES for term in structure.terms}
 
 
@@ -69,7 +73,7 @@ def more_tables(result: Result, model: Model) -> tuple[Table, ...]:
         refused = _refused_targets(result)
         tables.append(_matrix(model, _columns(model, chosen), chosen, _PRODUCTS_CAPTION, refused))
     if model.inertia is not None:
-        rows = comparison_rows(model.inertia, result.vehicle)
+        rows = _comparison_rows(model.inertia, result.vehicle)
         tables.append(
             Table(
                 caption="Compared with other vehicles [kg m²]",
@@ -90,8 +94,90 @@ def more_tables(result: Result, model: Model) -> tuple[Table, ...]:
         )
     curve = result.identification.thrust_curve
     if curve is not None and curve.effectiveness.size:
-        tables.append(thrust_table(curve))
+        tables.append(_thrust_table(curve))
     return tuple(tables)
+
+
+def _comparison_rows(inertia: Inertia, vehicle: Vehicle | None) -> list[tuple[str, str, str, list[str]]]:
+    """Return name, mass, source and Ixx, Iyy, Izz in words: ours, the user's own, then the published.
+
+    Published vehicles stand in order of their distance from ours, the mean
+    ratio of the moments.
+    """
+    # Not at the top: it brings the whole simulator with it.
+    from quadid_logs.simulator.published import PUBLISHED
+
+    identified = np.diagonal(inertia.matrix)
+    mass = vehicle.mass_kg if vehicle is not None else None
+    rows = [("this flight", "–" if mass is None else number(mass, 3), "identified", _moments(identified))]
+    if vehicle is not None and vehicle.inertia_kg_m2 is not None:
+        given = np.diagonal(np.asarray(vehicle.inertia_kg_m2, dtype=np.float64))
+        # Say about which axes the given moments lie within the identified intervals.
+        low, high = np.diagonal(inertia.ci95_low), np.diagonal(inertia.ci95_high)
+        known = np.isfinite(low) & np.isfinite(high) & np.isfinite(given)
+        inside = known & (low <= given) & (given <= high)
+        texts = []
+        for words, chosen in (("within the interval", inside), ("outside the interval", known & ~inside)):
+            names = [name for name, yes in zip(("Ixx", "Iyy", "Izz"), chosen, strict=True) if yes]
+            if names:
+                texts.append(f"{', '.join(names)} {words}")
+        rows.append(
+            ("given with --vehicle", rows[0][1], ("; ".join(texts) or "not comparable"), _moments(given))
+        )
+    # How far apart two vehicles are, over the moments that are known.
+    sure = np.isfinite(identified) & (identified > 0.0)
+
+    def distance(item: PublishedVehicle) -> float:
+        if not sure.any():
+            return 0.0
+        return float(np.abs(np.mean(np.log(identified[sure] / np.array(item.inertia_kg_m2)[sure]))))
+
+    for item in sorted(PUBLISHED, key=distance):
+        moments = np.array(item.inertia_kg_m2)
+        rows.append((item.name, number(item.mass_kg, 3), item.source, _moments(moments)))
+    return rows
+
+
+def _moments(values: FloatArray) -> list[str]:
+    return [number(float(value), 3) for value in values]
+
+
+def _thrust_table(curve: ThrustCurve) -> Table:
+    """Return how the effectiveness per unit of command changes over the thrust that was flown."""
+    levels = zip(curve.thrust_over_mean, curve.effectiveness, curve.effectiveness_ci95, strict=True)
+    rows = tuple(
+        (
+            Cell(text=percent(float(thrust))),
+            Cell(
+                text=resolved(float(value), float(low), float(high)),
+                detail=interval(float(low), float(high)),
+                weak=not curve.identifiable,
+            ),
+        )
+        for thrust, value, (low, high) in levels
+    )
+    unnamed = "assumed, because no parameter holds it"
+    name = printable(curve.parameter, 40) or (_BY_SPEED if curve.measured else unnamed)
+    if not curve.identifiable:
+        sentence = (
+            f"This flight does not identify the expo of the thrust curve: {printable(curve.reason)}. The "
+            f"value {number(curve.assumed, 2)} was used ({name}). The intervals allow for an error in it."
+        )
+    else:
+        value, assumed = estimate(curve.expo, *curve.ci95), f"{number(curve.assumed, 2)} ({name})"
+        told = f"not {assumed}. The torque was computed with the identified expo"
+        sentence = (
+            f"The propellers' expo is {value}, {told if curve.corrected else f'which agrees with {assumed}'}."
+        )
+    return Table(
+        caption="Effectiveness per unit of command against thrust",
+        head=(
+            "thrust divided by its mean during the manoeuvres",
+            "effectiveness divided by that at the mean thrust",
+        ),
+        rows=rows,
+        note=f"{sentence} Thrust beyond these rows was not flown.",
+    )
 
 
 def _refused_targets(result: Result) -> frozenset[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
@@ -31,16 +30,6 @@ _STYLES: Final = MappingProxyType({"agree": "usable", "differ": "caution", "not 
 _MOST_PAIRS: Final = 10
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AxisView:
-    """What became of an axis: the outcome, its style, and a sentence."""
-
-    axis: str
-    outcome: str
-    style: str
-    sentence: str
-
-
 def repetition_page(found: Repeatability, figures: Sequence[Figure] = ()) -> str:
     """Return the page; every text is escaped by the template.
 
@@ -66,7 +55,7 @@ def repetition_page(found: Repeatability, figures: Sequence[Figure] = ()) -> str
             sentence = f"{'; '.join(filter(None, parts))}."
         else:
             sentence = "Fewer than two flights identify the effectiveness."
-        axes.append(AxisView(axis=axis, outcome=outcome, style=_STYLES[outcome], sentence=sentence))
+        axes.append({"axis": axis, "outcome": outcome, "style": _STYLES[outcome], "sentence": sentence})
     page: str = (
         environment()
         .get_template("repeat.html")

@@ -11,12 +11,11 @@ from quadid_logs.data.tuning import Tuning
 from quadid_logs.data.what_if import WhatIf
 from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.figures.loop_comparison import next_loop_figure
-from quadid_logs.report.filter_picture import filter_picture
 from quadid_logs.report.html import charts
 from quadid_logs.report.pages import environment
 from quadid_logs.report.provenance import LONGEST_COMMAND, Provenance
 from quadid_logs.report.sharing import without_folders
-from quadid_logs.report.step_picture import step_picture
+from quadid_logs.report.tune_pictures import filter_picture, step_picture
 from quadid_logs.report.tune_view import tune_view
 from quadid_logs.report.what_if import what_if_parts
 from quadid_logs.untrusted import printable

@@ -11,7 +11,7 @@ import numpy as np
 from quadid_logs.data.what_if import WhatIf, WhatIfLoop
 from quadid_logs.report.html import csp_hash, script_json
 from quadid_logs.report.numbers import number
-from quadid_logs.report.step_picture import rise_words
+from quadid_logs.report.tune_pictures import rise_words
 
 
 def what_if_parts(grids: Mapping[str, WhatIf]) -> dict[str, Any]:
