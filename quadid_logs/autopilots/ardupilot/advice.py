@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from quadid_logs.autopilots.ardupilot.flight_script import SCRIPT, SWITCH, flight_script
-from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
+from quadid_logs.autopilots.generic.advice import Advice, Setting, Version
 from quadid_logs.commands import LOG, command
 from quadid_logs.data.log import own_bits, whole_number
 from quadid_logs.sentences import listed
@@ -209,26 +209,9 @@ class ArduPilotAdvice(Advice):
         missing = "" if self.sweep_magnitudes(version) else _no_system_id(version)
         return tuple(note for note in (_logging_limit(version), missing) if note)
 
-    def gain_text(
-        self,
-        heading: Sequence[str],
-        gains: Sequence[GainLine],
-        parameters: Mapping[str, float],  # noqa: ARG002
-    ) -> str:
-        """Return NAME,VALUE with comments in lines of their own: Mission Planner skips others."""
-        lines = [f"# {one}" for one in heading]
-        for comment, name, value in gains:
-            lines += [f"# {comment}", f"{name},{value}"]
-        return "\n".join(lines) + "\n"
-
-    def parameter_text(
-        self,
-        comment: str,
-        settings: Sequence[Setting],
-        parameters: Mapping[str, float] = MappingProxyType({}),  # noqa: ARG002
-    ) -> str:
-        """Return lines of NAME,VALUE."""
-        return "\n".join((f"# {comment}", *(f"{name},{digits(value)}" for name, value in settings))) + "\n"
+    def parameter_line(self, name: str, value: str, parameters: Mapping[str, float]) -> str:  # noqa: ARG002
+        """Return NAME,VALUE."""
+        return f"{name},{value}"
 
     def steps(self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]) -> tuple[str, ...]:
         """Return the steps of a flight with System ID mode, or by stick."""

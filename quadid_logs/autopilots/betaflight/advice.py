@@ -104,7 +104,7 @@ class BetaflightAdvice(Advice):
     gyro_filter_parameter = "gyro_lpf1_static_hz"
     hover_mode = "Angle or Acro mode"
     plans_by_hand = True
-    parameter_suffix = ".txt"
+    last_line = "save"
     before_setting = (
         "first run `diff all` on the command line and keep what it prints: pasted again, it restores every "
         "setting"
@@ -235,26 +235,16 @@ class BetaflightAdvice(Advice):
             ),
         }
 
-    def parameter_text(
-        self,
-        comment: str,
-        settings: Sequence[Setting],
-        parameters: Mapping[str, float] = MappingProxyType({}),  # noqa: ARG002
-    ) -> str:
-        """Return lines for the command line."""
-        return command_line(comment, settings)
-
     def gain_text(
-        self,
-        heading: Sequence[str],
-        gains: Sequence[GainLine],
-        parameters: Mapping[str, float],  # noqa: ARG002
+        self, heading: Sequence[str], gains: Sequence[GainLine], parameters: Mapping[str, float]
     ) -> str:
-        """Return lines for the command line, where each changes the profile that was chosen before."""
-        lines = [*(f"# {one}" for one in heading), *(f"# {one}" for one in _PROFILE)]
-        for comment, name, value in gains:
-            lines += [f"# {comment}", f"set {_RANGES.get(name, name)} = {value}"]
-        return "\n".join((*lines, "save")) + "\n"
+        """Say in which profile they are: each line changes the one that was chosen before."""
+        named = [(comment, _RANGES.get(name, name), value) for comment, name, value in gains]
+        return super().gain_text((*heading, *_PROFILE), named, parameters)
+
+    def parameter_line(self, name: str, value: str, parameters: Mapping[str, float]) -> str:  # noqa: ARG002
+        """Return a line for the command line."""
+        return f"set {name} = {value}"
 
     def beside_gains(
         self, parameters: Mapping[str, float], changed: Collection[str] = (), *, back: bool = False

@@ -71,6 +71,10 @@ class Advice:
         By the name of a mask, the bits that it needs.
     logging_note, gyro_filter_parameter, hover_mode, parameter_suffix : str
         For the card and the parameter files of a planned flight.
+    columns : tuple of str
+        Comments at the head of every parameter file.
+    last_line : str
+        What ends a parameter file.
     live_note : str
         What to set, and which link it takes, to receive the log in flight; "" where that cannot be.
     excitation_entry : str
@@ -109,6 +113,8 @@ class Advice:
     gyro_filter_parameter: ClassVar[str] = "the gyro filter"
     hover_mode: ClassVar[str] = "a mode that levels itself"
     parameter_suffix: ClassVar[str] = ".txt"
+    columns: ClassVar[tuple[str, ...]] = ()
+    last_line: ClassVar[str] = ""
     gain_loading: ClassVar[str] = "Load {} at the ground station"
     room: ClassVar[str] = (
         "Choose calm air, a full battery, 10 m of free space on all sides, and a height of 10 m or more."
@@ -275,10 +281,7 @@ class Advice:
         return ()
 
     def parameter_text(
-        self,
-        comment: str,
-        settings: Sequence[Setting],
-        parameters: Mapping[str, float] = _NOTHING_SET,  # noqa: ARG002
+        self, comment: str, settings: Sequence[Setting], parameters: Mapping[str, float] = _NOTHING_SET
     ) -> str:
         """Return a file of parameters as the autopilot's ground station loads it.
 
@@ -287,21 +290,36 @@ class Advice:
         parameters : mapping of str to float
             Of the log, which number the vehicle.
         """
-        return "\n".join((f"# {comment}", *(f"{name} {digits(value)}" for name, value in settings))) + "\n"
+        return self.file_text((comment,), [("", name, digits(value)) for name, value in settings], parameters)
 
     def gain_text(
         self, heading: Sequence[str], gains: Sequence[GainLine], parameters: Mapping[str, float]
     ) -> str:
-        """Return a file of gains as the autopilot's ground station loads it.
+        """Return a file of gains, as `parameter_text` one of parameters.
 
         Parameters
         ----------
         heading : sequence of str
             Comments before the first gain.
-        parameters : mapping of str to float
-            Of the log, which number the vehicle.
         """
-        raise NotImplementedError
+        return self.file_text(heading, gains, parameters)
+
+    def file_text(
+        self,
+        heading: Sequence[str],
+        lines: Sequence[GainLine],
+        parameters: Mapping[str, float],
+    ) -> str:
+        """Return a file with comments in lines of their own: some ground stations skip others."""
+        written = [f"# {one}".rstrip() for one in (*heading, *self.columns)]
+        for comment, name, value in lines:
+            written += [f"# {comment}"] if comment else []
+            written.append(self.parameter_line(name, value, parameters))
+        return "\n".join(filter(None, (*written, self.last_line))) + "\n"
+
+    def parameter_line(self, name: str, value: str, parameters: Mapping[str, float]) -> str:  # noqa: ARG002
+        """Return the line of a file that sets a parameter."""
+        return f"{name} {value}"
 
     def beside_gains(
         self,

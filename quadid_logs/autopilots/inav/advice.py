@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Mapping
 from typing import Final
 
-from quadid_logs.autopilots.betaflight.advice import command_line
-from quadid_logs.autopilots.generic.advice import Advice, Setting, Version
+from quadid_logs.autopilots.generic.advice import Advice, Version
 
 
 class InavAdvice(Advice):
     """Blackbox rate, and the text of the command line."""
 
     hover_mode = "Angle or Acro mode"
-    parameter_suffix = ".txt"
+    last_line = "save"
 
     def _logging(
         self,
@@ -28,14 +26,9 @@ class InavAdvice(Advice):
             "motors among the logged fields, save, and fly again."
         )
 
-    def parameter_text(
-        self,
-        comment: str,
-        settings: Sequence[Setting],
-        parameters: Mapping[str, float] = MappingProxyType({}),  # noqa: ARG002
-    ) -> str:
-        """Return lines for the command line."""
-        return command_line(comment, settings)
+    def parameter_line(self, name: str, value: str, parameters: Mapping[str, float]) -> str:  # noqa: ARG002
+        """Return a line for the command line."""
+        return f"set {name} = {value}"
 
 
 ADVICE: Final = InavAdvice()

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Final
 
-from quadid_logs.autopilots.generic.advice import Advice, GainLine, Setting, Version, digits
+from quadid_logs.autopilots.generic.advice import Advice, Version
 from quadid_logs.autopilots.px4.offboard import (
     FAILSAFES,
     MOST_HZ,
     PARAMETERS,
     PARAMETERS_BACK,
-    REAL,
     SCRIPT,
     offboard_script,
 )
 from quadid_logs.data.log import whole_number
 
-#: Settings of notches that are integers (imu_gyro_parameters.c).
-_INTEGERS: Final = frozenset({"IMU_GYRO_DNF_EN", "IMU_GYRO_DNF_HMC"})
+#: Integers (imu_gyro_parameters.c, logger/params.c, commander_params.c): files of QGroundControl name types.
+_INTEGERS: Final = frozenset(
+    {"IMU_GYRO_DNF_EN", "IMU_GYRO_DNF_HMC", "SDLOG_PROFILE", "COM_OBL_RC_ACT", "COM_RC_OVERRIDE"}
+)
 #: Bits of SDLOG_PROFILE (src/modules/logger/params.c): default, system identification, high rate.
 _PROFILE: Final = 1 | 8 | 16
 #: Before, SDLOG_PROFILE was no bitmask or did not exist.
@@ -71,6 +72,7 @@ class Px4Advice(Advice):
     gyro_filter_parameter = "IMU_GYRO_CUTOFF"
     hover_mode = "Stabilized or Altitude mode"
     parameter_suffix = ".params"
+    columns = ("", "Vehicle-Id Component-Id Name Value Type")
 
     def live_files(self, parameters: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG002
         """Return the topics that an estimate needs; see `Advice.live_files`."""
@@ -131,28 +133,10 @@ class Px4Advice(Advice):
             return ()
         return ("PX4 before 1.8 has no logging profile with a high rate. Update the firmware.",)
 
-    def parameter_text(
-        self,
-        comment: str,
-        settings: Sequence[Setting],
-        parameters: Mapping[str, float] = MappingProxyType({}),
-    ) -> str:
-        """Return QGroundControl's columns: vehicle, component, name, value, type (6 an integer, 9 a real)."""
-        vehicle = whole_number(parameters.get("MAV_SYS_ID"), 1)
-        lines = (
-            f"{vehicle}\t1\t{name}\t{digits(value)}\t{9 if name in REAL else 6}" for name, value in settings
-        )
-        return "\n".join((f"# {comment}", "#", "# Vehicle-Id Component-Id Name Value Type", *lines)) + "\n"
-
-    def gain_text(
-        self, heading: Sequence[str], gains: Sequence[GainLine], parameters: Mapping[str, float]
-    ) -> str:
+    def parameter_line(self, name: str, value: str, parameters: Mapping[str, float]) -> str:
         """Return QGroundControl's columns; for this vehicle, type 9: single precision, 6: an integer."""
         vehicle = whole_number(parameters.get("MAV_SYS_ID"), 1)
-        lines = [f"# {one}" for one in (*heading, "", "Vehicle-Id Component-Id Name Value Type")]
-        for comment, name, value in gains:
-            lines += [f"# {comment}", f"{vehicle}\t1\t{name}\t{value}\t{6 if name in _INTEGERS else 9}"]
-        return "\n".join(lines) + "\n"
+        return f"{vehicle}\t1\t{name}\t{value}\t{6 if name in _INTEGERS else 9}"
 
 
 ADVICE: Final = Px4Advice()

@@ -20,8 +20,6 @@ MOST_HZ: Final = 5.0
 FAILSAFES: Final[Mapping[str, float]] = MappingProxyType(
     {"COM_OF_LOSS_T": 0.5, "COM_OBL_RC_ACT": 0.0, "COM_RC_OVERRIDE": 3.0}
 )
-#: Those that are real numbers; QGroundControl's files name the type.
-REAL: Final = ("COM_OF_LOSS_T",)
 _LIMITS: Final[Mapping[str, float]] = MappingProxyType(
     {"MOST_TILT_DEG": 30, "LEAST_HEIGHT_M": 4, "MOST_CLIMB_M": 4, "LEAST_BATTERY_PERCENT": 30}
 )
