@@ -251,8 +251,8 @@ def check_text(promise: Promise, after: Result, found: Check) -> str:
 
 def _test(one: FigureCheck | VehicleCheck) -> dict[str, Any]:
     return {
-        "promised": one.promised._asdict(),
-        "measured": one.measured._asdict(),
+        "promised": one.promised,
+        "measured": one.measured,
         "p_value": one.p_value,
         "differs": one.differs,
     }

@@ -200,8 +200,8 @@ def comparison_text(before: Result, after: Result, comparison: Comparison) -> st
                 "way_back": one.decision is Decision.BACK,
                 "margins": {
                     figure.name: {
-                        "promised": figure.promised._asdict(),
-                        "found": figure.measured._asdict(),
+                        "promised": figure.promised,
+                        "found": figure.measured,
                     }
                     for figure in one.figures
                 },

@@ -74,25 +74,21 @@ def _topic(topic: Any, figures: Callable[[Any], dict[str, Any]]) -> dict[str, An
     }
 
 
-def _quantity(number: Quantity | None) -> dict[str, Any] | None:
-    return None if number is None else number._asdict()
-
-
 def _course(course: Course) -> dict[str, Any]:
-    return {"figures": {name: _quantity(one) for name, one in course.figures.items()}}
+    return {"figures": dict(course.figures)}
 
 
 def _axes(tracking: Tracking) -> dict[str, Any]:
     return {
         "axes": {
             axis: {
-                "error_rms": _quantity(one.error_rms),
-                "setpoint_rms": _quantity(one.setpoint_rms),
-                "lag": _quantity(one.lag),
+                "error_rms": one.error_rms,
+                "setpoint_rms": one.setpoint_rms,
+                "lag": one.lag,
             }
             for axis, one in tracking.axes.items()
         },
-        "off": _quantity(tracking.off),
+        "off": tracking.off,
     }
 
 
@@ -100,10 +96,10 @@ def _steps(steps: Steps) -> dict[str, Any]:
     return {
         "axes": {
             axis: {
-                "half_time": _quantity(one.half_time),
-                "overshoot": _quantity(one.overshoot),
-                "overshoot_large": None if one.overshoot_large is None else _quantity(one.overshoot_large),
-                "split": _quantity(Quantity(one.split_rad_s, "rad/s")),
+                "half_time": one.half_time,
+                "overshoot": one.overshoot,
+                "overshoot_large": one.overshoot_large,
+                "split": Quantity(one.split_rad_s, "rad/s"),
                 "windows": {curve.size: curve.n_windows for curve in one.curves},
             }
             for axis, one in steps.axes.items()
@@ -115,20 +111,20 @@ def _standstill(standstill: Standstill) -> dict[str, Any]:
     return {
         "rotor": standstill.rotor + 1,
         "time_s": standstill.time_s,
-        "length": _quantity(standstill.length),
+        "length": standstill.length,
     }
 
 
 def _line(line: Line) -> dict[str, Any]:
     return {
-        "frequency": _quantity(Quantity(line.frequency_hz, "Hz")),
-        "height": _quantity(Quantity(line.height_db, "dB")),
+        "frequency": Quantity(line.frequency_hz, "Hz"),
+        "height": Quantity(line.height_db, "dB"),
         "p_value": line.p_value,
-        "share": _quantity(Quantity(line.share, "1")),
-        "rms": _quantity(Quantity(line.rms, "rad/s")),
+        "share": Quantity(line.share, "1"),
+        "rms": Quantity(line.rms, "rad/s"),
         "source": line.source.value,
         "harmonic": line.harmonic or None,
-        "notch": None if np.isnan(line.notch_hz) else _quantity(Quantity(line.notch_hz, "Hz")),
+        "notch": None if np.isnan(line.notch_hz) else Quantity(line.notch_hz, "Hz"),
     }
 
 
@@ -145,12 +141,12 @@ def _spectrum(spectrum: GyroSpectrum | None) -> dict[str, Any] | None:
     bands = [(low, high, (frequency_hz >= low) & (frequency_hz < high)) for low, high in pairwise(_BANDS_HZ)]
     return {
         "source": spectrum.source,
-        "rate": _quantity(Quantity(spectrum.rate_hz, "Hz")),
+        "rate": Quantity(spectrum.rate_hz, "Hz"),
         "rms_by_band": [
             {
                 "band_hz": [low, high],
                 "rms": [
-                    _quantity(Quantity(float(value), "rad/s"))
+                    Quantity(float(value), "rad/s")
                     for value in np.sqrt(spectrum.density[inside].sum(axis=0) * step_hz)
                 ],
             }
@@ -171,11 +167,11 @@ def _noise(noise: Noise) -> dict[str, Any]:
 
 def _command_noise(noise: CommandNoise) -> dict[str, Any]:
     return {
-        "above": _quantity(Quantity(noise.above_hz, "Hz")),
+        "above": Quantity(noise.above_hz, "Hz"),
         "axes": {
             axis: {
-                "rms": _quantity(one.rms),
-                "terms": {name: _quantity(each) for name, each in one.terms.items()},
+                "rms": one.rms,
+                "terms": dict(one.terms),
             }
             for axis, one in noise.axes.items()
         },
@@ -185,48 +181,48 @@ def _command_noise(noise: CommandNoise) -> dict[str, Any]:
 def _vibration(vibration: Vibration) -> dict[str, Any]:
     return {
         "measure": vibration.measure,
-        "p99": _quantity(vibration.figure),
+        "p99": vibration.figure,
         "limits": vibration.limits,
-        "clips": _quantity(vibration.clips),
+        "clips": vibration.clips,
     }
 
 
 def _motors(motors: Motors) -> dict[str, Any]:
     return {
         "motors": [
-            {"name": name, "mean": _quantity(Quantity(mean, motors.unit)), "p05": low, "p95": high}
+            {"name": name, "mean": Quantity(mean, motors.unit), "p05": low, "p95": high}
             for name, mean, low, high in zip(
                 motors.names, motors.mean.tolist(), motors.low.tolist(), motors.high.tolist(), strict=True
             )
         ],
-        "spread": _quantity(motors.spread),
+        "spread": motors.spread,
         "hardest": motors.names[motors.hardest],
-        "headroom": _quantity(motors.headroom),
-        "at_high": _quantity(motors.at_high),
-        "at_low": _quantity(motors.at_low),
+        "headroom": motors.headroom,
+        "at_high": motors.at_high,
+        "at_low": motors.at_low,
     }
 
 
 def _battery(battery: Battery) -> dict[str, Any]:
     return {
-        "start": _quantity(battery.start_v),
-        "lowest": _quantity(battery.lowest_v),
+        "start": battery.start_v,
+        "lowest": battery.lowest_v,
         "n_cells": battery.n_cells or None,
-        "sag_per_tenth_throttle": _quantity(battery.sag_v),
+        "sag_per_tenth_throttle": battery.sag_v,
     }
 
 
 def _oscillation(oscillation: Oscillation) -> dict[str, Any]:
     return {
-        "searched_up_to": _quantity(Quantity(oscillation.highest_hz, "Hz")),
+        "searched_up_to": Quantity(oscillation.highest_hz, "Hz"),
         "may_be_folded": oscillation.may_be_folded,
         "axes": [
             {
                 "axis": one.axis,
                 **_line(one.line),
                 "loop": one.loop.value,
-                "setpoint_share": _quantity(Quantity(one.setpoint_share, "1")),
-                "power_share": _quantity(Quantity(one.power_share, "1")),
+                "setpoint_share": Quantity(one.setpoint_share, "1"),
+                "power_share": Quantity(one.power_share, "1"),
                 "overtone": one.overtone,
             }
             for one in oscillation.axes
@@ -240,24 +236,22 @@ def _rotors(rotors: Rotors) -> dict[str, Any]:
         "rotors": [
             {
                 "name": name,
-                "effectiveness": _quantity(effectiveness),
-                "end_over_beginning": _quantity(change),
-                "shaking": _quantity(shaking),
+                "effectiveness": effectiveness,
+                "end_over_beginning": change,
+                "shaking": shaking,
             }
             for name, effectiveness, change, shaking in zip(
                 rotors.names, rotors.effectiveness, rotors.change, rotors.shaking, strict=True
             )
         ],
-        "mass_offset": None
-        if offset is None
-        else {"forward": _quantity(offset[0]), "right": _quantity(offset[1])},
-        "thrust_change": _quantity(rotors.thrust_change),
+        "mass_offset": None if offset is None else {"forward": offset[0], "right": offset[1]},
+        "thrust_change": rotors.thrust_change,
         "faults": [
             {
                 "code": one.code,
                 "rotor": one.rotor + 1 if one.rotor >= 0 else None,
                 "time_s": None if np.isnan(one.time_s) else one.time_s,
-                "size": _quantity(one.size),
+                "size": one.size,
                 "p_value": one.p_value,
                 "sentence": one.sentence,
             }

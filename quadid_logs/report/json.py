@@ -12,8 +12,10 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.filters import lines_of
+from quadid_logs.data.closed_loop import Estimated
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription
+from quadid_logs.data.health import Quantity
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import (
     Actuator,
@@ -141,7 +143,9 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON knows it."""
+    """Return a value as JSON knows it, a figure with its interval by its fields."""
+    if isinstance(value, Estimated | Quantity):
+        value = value._asdict()
     if value is None or isinstance(value, bool | int | str):
         return value
     if isinstance(value, float):

@@ -60,7 +60,7 @@ def closed_loop_dict(loop: ClosedLoop, lines: Mapping[str, Sequence[Line]]) -> d
                     "torque_fit_percent": found.prediction.torque_fit_percent,
                     "attainable_percent": found.prediction.attainable_percent,
                     "held_out_s": found.prediction.held_out_s,
-                    "effectiveness": estimated_dict(found.prediction.effectiveness),
+                    "effectiveness": found.prediction.effectiveness,
                     "at_limits": found.prediction.at_limits,
                 },
                 **margins_and_step(found),
@@ -90,7 +90,7 @@ def _filters(loop: ClosedLoop, axis: str, lines: Sequence[Line]) -> list[dict[st
             "name": cost.name or None,
             "place": cost.place.value,
             "centre_hz": cost.centre_hz or None,
-            "phase_cost_deg": estimated_dict(cost.phase_deg),
+            "phase_cost_deg": cost.phase_deg,
             "at_lines": [
                 {"frequency_hz": line.frequency_hz, "source": line.source.value, "gain_db": gain_db}
                 for line, gain_db in zip(lines, cost.at_lines_db, strict=True)
@@ -106,7 +106,7 @@ def _control_gain(found: Estimated | None, unit: CommandUnit | None) -> dict[str
         return None
     own = None if unit is None else in_degrees(found, unit)
     return {
-        "rad_s2_per_command": estimated_dict(found),
+        "rad_s2_per_command": found,
         "deg_s2_per_own_unit": None if own is None or unit is None else {**own._asdict(), "unit": unit.name},
     }
 
@@ -125,7 +125,7 @@ def _outer(outer: OuterLoops | None) -> dict[str, Any] | None:
             axis: {
                 "shown": found.shown.value,
                 "relative_rms": found.relative_rms,
-                "gain_over_parameter": estimated_dict(found.gain),
+                "gain_over_parameter": found.gain,
                 "n_rows": found.n_rows,
             }
             for axis, found in outer.attitude.items()
@@ -141,9 +141,9 @@ def _outer(outer: OuterLoops | None) -> dict[str, Any] | None:
         "cascades": {
             direction: {
                 "shown": found.shown.value,
-                "position_gain_over_parameter": estimated_dict(found.position),
-                "velocity_gain_over_parameter": estimated_dict(found.velocity),
-                "integral_gain_over_parameter": estimated_dict(found.integral),
+                "position_gain_over_parameter": found.position,
+                "velocity_gain_over_parameter": found.velocity,
+                "integral_gain_over_parameter": found.integral,
                 "position_relative_rms": found.position_rms,
                 "velocity_relative_rms": found.velocity_rms,
                 "velocity_error_m_s": found.velocity_error_m_s,
@@ -156,7 +156,7 @@ def _outer(outer: OuterLoops | None) -> dict[str, Any] | None:
         },
         "loops": {
             axis: {
-                "attitude_hz": estimated_dict(found.attitude_hz),
+                "attitude_hz": found.attitude_hz,
                 "velocity": margins_dict(found.velocity),
                 "whole": None if found.whole is None else margins_dict(found.whole),
             }
@@ -176,9 +176,9 @@ def margins_and_step(found: AxisLoop) -> dict[str, Any]:
         "step": None
         if step is None
         else {
-            "rise_time_s": estimated_dict(step.rise_time_s),
-            "overshoot_percent": estimated_dict(step.overshoot_percent),
-            "settling_time_s": estimated_dict(step.settling_time_s),
+            "rise_time_s": step.rise_time_s,
+            "overshoot_percent": step.overshoot_percent,
+            "settling_time_s": step.settling_time_s,
         },
     }
 
@@ -215,10 +215,5 @@ def margins_dict(margins: Margins) -> dict[str, Any]:
         "stable": margins.stable,
         "stable_fraction": margins.stable_fraction,
         "extrapolated": margins.extrapolated,
-        **{name: estimated_dict(getattr(margins, name)) for name in MARGIN_FIGURES},
+        **{name: getattr(margins, name) for name in MARGIN_FIGURES},
     }
-
-
-def estimated_dict(figure: Estimated | None) -> dict[str, Any] | None:
-    """Return a figure with its interval."""
-    return None if figure is None else {"value": figure.value, "ci95": figure.ci95}

@@ -11,7 +11,7 @@ from quadid_logs.data.closed_loop import Estimated, Margins
 from quadid_logs.data.off_nominal import Condition, ConditionKind
 from quadid_logs.data.tuning import AxisTuning, Tuning
 from quadid_logs.report.cells import Cell, Table
-from quadid_logs.report.loop_json import estimated_dict, loops_dict
+from quadid_logs.report.loop_json import loops_dict
 from quadid_logs.report.numbers import interval, number, resolved
 
 _BATTERIES: Final = (ConditionKind.BATTERY_FULL, ConditionKind.BATTERY_EMPTY)
@@ -107,8 +107,8 @@ def off_nominal_dict(found: AxisTuning) -> list[dict[str, Any]]:
             "density": one.condition.density,
             "propeller": one.condition.propeller,
             "voltage_v": one.condition.voltage_v if math.isfinite(one.condition.voltage_v) else None,
-            "effectiveness": estimated_dict(one.effectiveness),
-            "lag": estimated_dict(one.lag),
+            "effectiveness": one.effectiveness,
+            "lag": one.lag,
             "now": loops_dict(one.now),
             "next": loops_dict(one.next),
             "part_of_limits": one.spare if math.isfinite(one.spare) else None,

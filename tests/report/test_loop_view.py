@@ -13,6 +13,7 @@ from quadid_logs.data.controller import FilterPlace, NamedFilter, Replay, Replay
 from quadid_logs.data.health import Health, Line, Noise
 from quadid_logs.data.log import Notch
 from quadid_logs.data.result import Result
+from quadid_logs.report.json import plain
 from quadid_logs.report.loop_json import closed_loop_dict
 from quadid_logs.report.loop_view import loop_view
 from tests.synthetic_results import refused_result, usable_result
@@ -126,7 +127,7 @@ def test_without_a_model_or_a_controller_the_chapter_says_why(usable: Result) ->
 def test_the_contract_has_every_figure_of_a_margin(usable: Result) -> None:
     """A figure that a loop does not have is null."""
     assert usable.closed_loop is not None
-    rate = closed_loop_dict(usable.closed_loop, {})["axes"]["roll"]["margins"]["rate"]
+    rate = plain(closed_loop_dict(usable.closed_loop, {}))["axes"]["roll"]["margins"]["rate"]
     assert rate["gain_margin_down_db"] is None
     assert set(rate["phase_margin_deg"]) == {"value", "ci95"}
     needed = {"stable", "extrapolated", "crossover_hz", "delay_margin_s", "disk_margin", "peak_sensitivity"}
@@ -182,7 +183,7 @@ def test_a_contradicted_loop_tells_no_phase_of_its_filters(usable: Result) -> No
 def test_the_contract_has_the_cost_of_each_filter(usable: Result) -> None:
     loop = with_filters(usable, LOW_PASS).closed_loop
     assert loop is not None
-    (told,) = closed_loop_dict(loop, {})["axes"]["roll"]["filters"]
+    (told,) = plain(closed_loop_dict(loop, {}))["axes"]["roll"]["filters"]
     assert (told["name"], told["place"]) == ("INS_GYRO_FILTER", "gyro")
     # Two poles at 40 Hz, at 20.3 Hz: atan(1.414 x / (1 - x^2)) = 44 degrees.
     assert told["phase_cost_deg"]["value"] == pytest.approx(44.0, abs=0.5)
