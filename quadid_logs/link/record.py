@@ -6,11 +6,12 @@ import contextlib
 import os
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, BinaryIO, Final, Protocol
+from typing import Any, BinaryIO, Final, Generic, TypeVar
 
 from quadid_logs.errors import LinkError, OutputError
 from quadid_logs.link.block_stream import BlockStream
@@ -72,29 +73,49 @@ class RecordState:
     losses: Losses = field(default_factory=Losses)
 
 
-class _Driver(Protocol):
-    """One of the two protocols."""
+_Stream = TypeVar("_Stream", ULogStream, BlockStream)
+
+
+class _Driver(ABC, Generic[_Stream]):
+    """One of the two protocols, and the stream of the log that it brings; ``suffix`` is that of the file."""
 
     suffix: str
 
+    def __init__(
+        self, vehicle: Vehicle, patience: RecordPatience, losses: Losses, new_file: Callable[[], BinaryIO]
+    ) -> None:
+        self._vehicle, self._patience, self._losses = vehicle, patience, losses
+        self._new_file = new_file
+        self._stream: _Stream | None = None
+
+    @abstractmethod
     def start(self, now_s: float) -> None:
         """Ask the vehicle to stream."""
 
+    @abstractmethod
     def take(self, message: Any, now_s: float) -> None:
         """Take a message, answer it."""
 
+    @abstractmethod
     def tick(self, now_s: float) -> None:
         """Do what time asks for."""
 
+    @abstractmethod
     def finish(self) -> None:
         """Ask for what is missing, and end the stream."""
 
     def close(self, now_s: float) -> None:
         """End the file."""
+        if self._stream is not None:
+            self._stream.close(now_s)
 
     @property
     def n_bytes(self) -> int:
         """Bytes that will not change any more."""
+        return 0 if self._stream is None else self._stream.n_bytes
+
+    def _say_another_log(self) -> None:
+        self._losses.events.append("The vehicle started a new log, which is recorded in another file.")
 
 
 class Recorder:
@@ -124,7 +145,7 @@ class Recorder:
         self._file: BinaryIO | None = None
         self._begun = datetime.now(UTC)
         if vehicle.autopilot == _BY_FRAMES:
-            self._driver: _Driver = _ByFrames(vehicle, self._patience, self.state.losses, self._new_file)
+            self._driver: _Driver[Any] = _ByFrames(vehicle, self._patience, self.state.losses, self._new_file)
         elif vehicle.autopilot == _BY_BLOCKS:
             self._driver = _ByBlocks(vehicle, self._patience, self.state.losses, self._new_file)
         else:
@@ -225,28 +246,18 @@ class Recorder:
             self.state.paths.pop().unlink(missing_ok=True)
 
 
-class _ByFrames:
+class _ByFrames(_Driver[ULogStream]):
     """Frames as they come, those of the header acknowledged one by one; nothing is sent twice later."""
 
     suffix = ".ulg"
 
     def __init__(
-        self,
-        vehicle: Vehicle,
-        patience: RecordPatience,
-        losses: Losses,
-        new_file: Callable[[], BinaryIO],
+        self, vehicle: Vehicle, patience: RecordPatience, losses: Losses, new_file: Callable[[], BinaryIO]
     ) -> None:
-        self._vehicle, self._patience, self._losses = vehicle, patience, losses
-        self._new_file = new_file
-        self._stream: ULogStream | None = None
+        super().__init__(vehicle, patience, losses, new_file)
         self._sent_s, self._tries, self._data_s = 0.0, 0, 0.0
         self._accepted = self._stopped = self._said_silence = False
         self._begun_s = 0.0
-
-    @property
-    def n_bytes(self) -> int:
-        return 0 if self._stream is None else self._stream.n_bytes
 
     def start(self, now_s: float) -> None:
         if self._vehicle.armed:
@@ -302,10 +313,6 @@ class _ByFrames:
             "The vehicle did not confirm the end of the stream. It may continue to stream until it restarts."
         )
 
-    def close(self, now_s: float) -> None:
-        if self._stream is not None:
-            self._stream.close(now_s)
-
     def _take_frame(self, message: Any, now_s: float) -> None:
         data, first = bytes(message.data)[: message.length], int(message.first_message_offset)
         if message.length > len(message.data) or not data:
@@ -315,9 +322,7 @@ class _ByFrames:
         # The first frame may come twice; that of another log follows another start.
         if begins_log(data, first) and (self._stream is None or self._sent_s > self._begun_s):
             if self._stream is not None:
-                self._losses.events.append(
-                    "The vehicle started a new log, which is recorded in another file."
-                )
+                self._say_another_log()
             self._stream, self._begun_s = ULogStream(self._new_file(), self._losses), now_s
         if self._stream is None:
             # In the middle of a stream that an earlier recording left on.
@@ -356,26 +361,16 @@ class _ByFrames:
         self._vehicle.send("command_long", *self._vehicle.target, number, 0, 0, 0, 0, 0, 0, 0, 0)
 
 
-class _ByBlocks:
+class _ByBlocks(_Driver[BlockStream]):
     """Blocks, each acknowledged, and requested again where it is missing."""
 
     suffix = ".bin"
 
     def __init__(
-        self,
-        vehicle: Vehicle,
-        patience: RecordPatience,
-        losses: Losses,
-        new_file: Callable[[], BinaryIO],
+        self, vehicle: Vehicle, patience: RecordPatience, losses: Losses, new_file: Callable[[], BinaryIO]
     ) -> None:
-        self._vehicle, self._patience, self._losses = vehicle, patience, losses
-        self._new_file = new_file
-        self._stream: BlockStream | None = None
+        super().__init__(vehicle, patience, losses, new_file)
         self._begun_s = self._sent_s = self._data_s = self._checked_s = 0.0
-
-    @property
-    def n_bytes(self) -> int:
-        return 0 if self._stream is None else self._stream.n_bytes
 
     def start(self, now_s: float) -> None:
         self._begun_s = now_s
@@ -416,10 +411,6 @@ class _ByBlocks:
         for _ in range(3):
             self._answer(_STOP_BLOCKS, _ACK)
 
-    def close(self, now_s: float) -> None:
-        if self._stream is not None:
-            self._stream.close(now_s)
-
     def _take_kind(self, message: Any) -> None:
         """Say at once where the vehicle does not log over MAVLink."""
         name, value = message.param_id, message.param_value
@@ -444,9 +435,7 @@ class _ByBlocks:
                 self._answer(_STOP_BLOCKS, _ACK)
                 return
             if self._stream is not None:
-                self._losses.events.append(
-                    "The vehicle started a new log, which is recorded in another file."
-                )
+                self._say_another_log()
             self._stream = BlockStream(self._new_file(), self._losses)
         if self._stream is not None and self._stream.take(number, data, now_s):
             self._data_s = now_s
