@@ -61,7 +61,7 @@ class CleanSeries:
         As they were made: whole numbers of few digits in single precision, marks as such.
     period_s : float
         Typical sample period [s], NaN for fewer than two samples.
-    source, reason, gyro_filter, achieved, raw
+    source, reason, gyro_filter, achieved, raw, normalised
         As of `Signal`.
     n_duplicate, n_out_of_order, n_outliers, n_not_finite : int
         Rows that were merged, put in order, or dropped.
@@ -77,6 +77,7 @@ class CleanSeries:
     gyro_filter: GyroFilter = NO_GYRO_FILTER
     achieved: bool = False
     raw: bool = False
+    normalised: bool = True
     n_duplicate: int = 0
     n_out_of_order: int = 0
     n_outliers: int = 0
@@ -391,6 +392,7 @@ class Cleaner:
             gyro_filter=signal.gyro_filter,
             achieved=signal.achieved,
             raw=signal.raw,
+            normalised=signal.normalised,
             n_duplicate=order.n_duplicate,
             n_out_of_order=order.n_out_of_order,
             n_outliers=int(np.count_nonzero(stamps.outlier)),

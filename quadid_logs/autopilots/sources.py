@@ -116,6 +116,8 @@ class Source(Generic[P]):
         Of body rates: they passed the filters that the parameters tell.
     raw : bool
         Of body rates: they passed none.
+    normalised : bool
+        Of torque commands: 1 is the end of their range.
     """
 
     signal: str
@@ -129,6 +131,7 @@ class Source(Generic[P]):
     beside: tuple[str, ...] = ()
     filtered: bool = False
     raw: bool = False
+    normalised: bool = True
 
 
 def messages_of(sources: Iterable[Source[Any]]) -> frozenset[str]:
@@ -178,6 +181,7 @@ def build_signals(
                 nominal_rate_hz=(nominal_rate_hz or {}).get(source.message, math.nan),
                 gyro_filter=gyro_filter if source.filtered else NO_GYRO_FILTER,
                 raw=source.raw,
+                normalised=source.normalised,
             )
             found.setdefault(source.signal, []).append(signal)
     return {name: tuple(signals) for name, signals in found.items()}

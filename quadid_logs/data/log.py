@@ -180,6 +180,8 @@ class Signal:
         For a torque: whether it is the achieved torque, including saturation, and not the commanded torque.
     raw : bool
         For body rates: whether they were logged before all filters of the autopilot.
+    normalised : bool
+        For a torque command: whether 1 is the end of its range.
     """
 
     name: str
@@ -191,6 +193,7 @@ class Signal:
     gyro_filter: GyroFilter = NO_GYRO_FILTER
     achieved: bool = False
     raw: bool = False
+    normalised: bool = True
 
     def __post_init__(self) -> None:
         if self.name not in SIGNALS:

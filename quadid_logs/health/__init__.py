@@ -65,6 +65,7 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
     ),
     "rotors": (("outputs",), "the log does not show what each rotor was sent, or the flight is too short"),
 }
+_NO_RANGE: Final = "its output is a torque in newton metres, and the log does not say how large that can be"
 _FED_FORWARD: Final = (
     "this controller uses its rate set-points as feed-forward only, so the rates do not follow them"
 )
@@ -143,7 +144,7 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         "steps": find_steps(responses),
         "noise": find_noise(gyros, asked, throttle, speed, intervals, oscillations_hz),
         "command_noise": None
-        if output is None
+        if output is None or not output.normalised
         else find_command_noise(output, prepared.log.controller_terms, prepared.clean.clock, intervals),
         "motors": None if outputs is None else find_motors(outputs, prepared.log.torque, intervals),
         "vibration": find_vibration(
@@ -164,6 +165,8 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     found |= _in_place_of(found, series, intervals)
     if asked is not None and not rate_loop:
         missing |= dict.fromkeys(("tracking", "steps"), _FED_FORWARD)
+    if output is not None and not output.normalised:
+        missing["command_noise"] = _NO_RANGE
     return Health(**found, standstill=standstill, missing=missing)
 
 

@@ -324,7 +324,7 @@ def find_torque(
             f"{number(1000.0 * abs(right), 2)} mm to the {across} of the rotors' middle."
         )
         figures |= {"ahead": Quantity(float(ahead), "m"), "right": Quantity(float(right), "m")}
-    unit = "N m" if torque.name == "torque_n_m" else "1"
+    unit = "1" if torque.name == "torque_command" and torque.normalised else "N m"
     return _course(
         record, sentence=told, judged=True, label="torque", unit=unit, columns=AXES, figures=figures
     )

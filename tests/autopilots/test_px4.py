@@ -199,3 +199,14 @@ def test_outputs_are_those_of_the_driver_that_moves_most(tmp_path: Path) -> None
     path = tmp_path / "log"
     path.write_bytes(content)
     np.testing.assert_allclose(np.ptp(preferred(read_log(path), "output_pwm"), axis=0), 400.0)
+
+
+def test_rows_of_two_drivers_in_one_instance_are_told_apart(tmp_path: Path) -> None:
+    """One of 1.12 holds those of a CAN driver without a number, and pulses of a board that drives nothing."""
+    form = {"actuator_outputs": "uint32_t noutputs;float[4] output;"}
+    motors = [[1200.0 + 20.0 * k, 1300.0 - 10.0 * k, 1250.0, 1260.0] for k in range(10)]
+    rows = [("actuator_outputs", struct.pack("<I4f", 0, *one)) for one in motors]
+    rows[3:3] = [("actuator_outputs", struct.pack("<I4f", 4, *[1500.0] * 4))] * 3
+    outputs = log_of(tmp_path, form, rows).candidates("output_pwm")[0]
+    np.testing.assert_allclose(outputs.values, motors)
+    assert outputs.time_s.tolist() == [1.0, 2.0, 3.0, *range(7, 14)]

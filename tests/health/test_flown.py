@@ -120,3 +120,10 @@ def test_newtons_of_other_motors_are_told_by_the_mass_that_they_carry(corpus: Pa
     found = health(corpus, "real/x8coax_moments_hover.csv")
     assert found.thrust is not None
     assert found.thrust.figures["mass"].value == pytest.approx(2.64, rel=0.02)
+
+
+def test_newton_metres_are_no_percentage_of_a_range(corpus: Path) -> None:
+    """The Lee controller commands some 1e-4 N m: of a range of 1 that would be next to nothing."""
+    found = health(corpus, "flown/crazyswarm2/logs/log09")
+    assert found.command_noise is None
+    assert "newton metres" in found.missing["command_noise"]

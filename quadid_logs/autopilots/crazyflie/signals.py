@@ -202,7 +202,7 @@ SOURCES: Final[tuple[Source[EventPart], ...]] = (
     Source("velocity", ANY_EVENT, _of("stateEstimateZ", "vx vy vz"), "the estimator's velocity, in mm/s",
            _flu, 1e-3),
     Source("torque_command", ANY_EVENT, _of("ctrlLee", "torquex torquey torquez"), _LEE_TORQUE,
-           _command_flu),
+           _command_flu, normalised=False),
     Source("torque_command", ANY_EVENT, _of("controller", "cmd_roll cmd_pitch cmd_yaw"), _OUT.format("PID"),
            _command, 1.0 / _FULL),
     Source("torque_command", ANY_EVENT, _of("ctrlMel", "cmd_roll cmd_pitch cmd_yaw"),

@@ -15,6 +15,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.px4.fifo import FIELDS, gyro_fifo
 from quadid_logs.autopilots.sources import (
     RPM,
+    Built,
     Part,
     Source,
     attitude,
@@ -30,6 +31,9 @@ from quadid_logs.vocabulary import AXES
 _MAX_SAMPLE_AGE_US: Final = 100_000
 """A sample is published within milliseconds: a `timestamp_sample` further off is not filled in."""
 
+#: Output drivers of a vehicle; more different numbers are damage.
+_MOST_DRIVERS: Final = 4
+
 _Part: TypeAlias = Part[TopicTable]
 _Row: TypeAlias = Source[Any]
 
@@ -40,15 +44,27 @@ def _motors(part: _Part, source: _Row) -> FloatArray | None:
     return None if control is None else used_columns(control, np.isfinite(control))
 
 
-def _outputs(part: _Part, source: _Row) -> FloatArray | None:
-    """Pulse widths up to the last channel in use; None where the outputs are no pulse widths."""
-    output = plain(part, source)
+def _outputs(part: _Part, source: _Row) -> Built | None:
+    """Pulse widths up to the last channel in use; None where the outputs are no pulse widths.
+
+    Up to 1.12 two drivers could write into one instance. Each gives the number of its own outputs
+    (`MixingOutput::setAndPublishActuatorOutputs`), or none at all.
+    """
+    output, counts = plain(part, source), part.table.column("noutputs")
+    rows, note = part.rows, ""
+    if output is not None and counts is not None and counts.ndim == 1:
+        drivers = [counts == count for count in np.unique(counts)]
+        if 1 < len(drivers) <= _MOST_DRIVERS:
+            # The motors are on the one that moves most.
+            mine = max(drivers, key=lambda one: _movement(output[one]))
+            output, rows = output[mine], Rows(rows.time_s[mine], rows.position[mine])
+            note = f"rows with {counts[mine][0]} in noutputs: another driver wrote the other rows"
     used = None if output is None else used_columns(output, output > 0.0)
     if used is None:
         return None
     pulse = (used >= 800.0) & (used <= 2200.0)
     # CAN escs and simulators use 0..8191 or -1..1 in the same field.
-    return used if pulse.any() and not (used > 2200.0).any() else None
+    return Built(used, note, rows=rows) if pulse.any() and not (used > 2200.0).any() else None
 
 
 def _rotor_speed(part: _Part, source: _Row) -> FloatArray | None:
@@ -157,7 +173,9 @@ def signals(topics: Mapping[TopicKey, TopicTable], known: GyroFilter) -> dict[st
     )
     if "output_pwm" in found:
         # Several drivers publish outputs; the motors are on the one that moves most.
-        found["output_pwm"] = tuple(sorted(found["output_pwm"], key=_liveliness, reverse=True))
+        found["output_pwm"] = tuple(
+            sorted(found["output_pwm"], key=lambda one: _movement(one.values), reverse=True)
+        )
     return found
 
 
@@ -197,7 +215,7 @@ def sample_time_s(table: TopicTable) -> FloatArray | None:
     return np.where(plausible, sampled, published) / 1e6
 
 
-def _liveliness(signal: Signal) -> float:
-    """Return how much a signal moves in all, in its own unit; 0 where damaged numbers hide it."""
-    movement = float(np.std(signal.values, axis=0).sum())
+def _movement(values: FloatArray) -> float:
+    """Return how much a driver's outputs move in all, in their own unit; 0 where damaged numbers hide it."""
+    movement = float(np.std(values, axis=0).sum())
     return movement if np.isfinite(movement) else 0.0
