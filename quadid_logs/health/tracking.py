@@ -23,6 +23,9 @@ _WARN_RAD, _FAIL_RAD, _LASTS_S = (*np.radians((5.0, 10.0)), 0.25)
 #: Who follows late follows: three time constants of an attitude loop (5 % of a step are left then) at the
 #: lowest angle gain of firmwares' defaults, 4.5 1/s (docs/health.md) [s].
 _LATE_S: Final = 3.0 / 4.5
+#: What turns the vehicle against a set-point by more than this, for longer than it may be late, is no gust: the
+#: largest heading error that a firmware's attitude controller acts on (docs/health.md) [rad].
+_AGAINST_RAD: Final = float(np.radians(45.0))
 #: Roll and pitch are judged; the nose may lag far behind a turn that was commanded at once.
 _TILTING: Final = 2
 
@@ -77,25 +80,7 @@ def find_tracking(
             lag=lags.get(axis),
         )
     if not angles:
-        little = [
-            axis for axis, one in axes.items() if not 2.0 * one.error_rms.value**2 < one.setpoint_rms.value**2
-        ]
-        beyond = [axis for axis in little if not axes[axis].error_rms.value < axes[axis].setpoint_rms.value]
-        if not little:
-            judged = "Every axis follows more of its set-points than it misses (in power), which is normal."
-        else:
-            verb = "misses" if len(beyond or little) == 1 else "miss"
-            told, too = (
-                ("the set-points by as much as these move, or more", "instead")
-                if beyond
-                else ("more than half of the set-points' power", "as well")
-            )
-            judged = (
-                f"{listed(beyond or little).capitalize()} {verb} {told}: gusts, vibration, an oscillation "
-                f"or a limit move the vehicle {too}. That is normal only in a hover without commands, or "
-                "during a system-ID run."
-            )
-        return Tracking(sentence=f"{_sentence(axes, of)} {judged}", axes=axes, judged=True)
+        return _rates(axes, time_s, values)
     # For how much of the flight roll or pitch stays off what was asked, by how much.
     worst = np.maximum.reduce(distances[:_TILTING])
     step_s = float(np.median(np.diff(time_s)))
@@ -125,6 +110,54 @@ def find_tracking(
         )
     off = Quantity(share, "1", normal=(0.0, 0.0))
     return Tracking(sentence=f"{_sentence(axes, of)} {judged}", axes=axes, level=level, off=off)
+
+
+def _rates(axes: Mapping[str, AxisTracking], time_s: FloatArray, values: FloatArray) -> Tracking:
+    """Judge rates by how much they miss, and whether one turned against its set-point."""
+    little = [
+        axis for axis, one in axes.items() if not 2.0 * one.error_rms.value**2 < one.setpoint_rms.value**2
+    ]
+    beyond = [axis for axis in little if not axes[axis].error_rms.value < axes[axis].setpoint_rms.value]
+    against = {axis: told for axis in beyond if (told := _against(axis, time_s, values))}
+    judged = list(against.values())
+    missing = [axis for axis in beyond or little if axis not in against]
+    if missing:
+        told, too = (
+            ("the set-points by as much as these move, or more", "instead")
+            if beyond
+            else ("more than half of the set-points' power", "as well")
+        )
+        judged.append(
+            f"{listed(missing).capitalize()} {'misses' if len(missing) == 1 else 'miss'} {told}: gusts, "
+            f"vibration, an oscillation or a limit move the vehicle {too}. That is normal only in a hover "
+            "without commands, or during a system-ID run."
+        )
+    if not judged:
+        judged = ["Every axis follows more of its set-points than it misses (in power), which is normal."]
+    return Tracking(
+        sentence=" ".join([_sentence(axes, "rates"), *judged]),
+        level="severe" if against else "fact",
+        axes=axes,
+        judged=True,
+    )
+
+
+def _against(axis: str, time_s: FloatArray, values: FloatArray) -> str:
+    """Say when an axis turned furthest against its set-point; "" where it only was late or was pushed."""
+    asked, flown = values[:, AXES.index(axis)], values[:, len(AXES) + AXES.index(axis)]
+    step_s = float(np.median(np.diff(time_s)))
+    furthest, told = _AGAINST_RAD, ""
+    for first, after in _unbroken(time_s, asked * flown < 0.0, step_s):
+        length_s = float(time_s[after - 1] - time_s[first]) + step_s
+        turned = float(np.abs(flown[first:after].mean())) * length_s
+        if length_s > _LATE_S and turned > furthest:
+            furthest = turned
+            told = (
+                f"From {time_s[first]:.1f} s on, {axis} turned against its set-points for {length_s:.1f} s, "
+                f"at {np.degrees(turned / length_s):.0f} deg/s on average: the motors cannot give the torque "
+                "that it needs, or turn it the wrong way. That is never normal."
+            )
+    return told
 
 
 def _not_asked(time_s: FloatArray, asked: FloatArray, flown: FloatArray) -> FloatArray:

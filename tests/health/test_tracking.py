@@ -271,6 +271,37 @@ def test_rates_that_do_not_follow_are_told_from_those_that_do() -> None:
     assert "Pitch misses the set-points by as much" in lost.sentence
 
 
+def test_an_axis_that_turns_against_its_set_points_is_told_with_time_and_angle() -> None:
+    """A flown one spun to the left for six seconds while the set-point asked for a turn to the right."""
+    t = grid(10.0)
+    asked = 0.02 * coloured(1, t.size, 10.0)
+    rates = 0.5 * asked
+    spins = (t >= 40.0) & (t < 46.0)
+    asked[spins, 2], rates[spins, 2] = 1.7, -1.0
+    rate, setpoint = series("body_rate", t, rates), series("body_rate_setpoint", t, asked)
+    found = find_tracking(rate, setpoint, ((t[0], t[-1]),), {}, of="rates")
+    assert found is not None
+    assert found.level == "severe"
+    assert "From 40.0 s on, yaw turned against its set-points for 6.0 s, at 57 deg/s" in found.sentence
+    assert "Yaw miss" not in found.sentence
+
+
+@pytest.mark.parametrize(("pushed_rad_s", "for_s"), [(1.0, 0.5), (0.3, 2.0)])
+def test_what_is_late_or_pushed_does_not_turn_against_its_set_points(
+    pushed_rad_s: float, for_s: float
+) -> None:
+    """Half a second is late; 34 degrees in two seconds may be a gust."""
+    t = grid(10.0)
+    asked = np.full((t.size, 3), 0.1) + 0.01 * coloured(1, t.size, 10.0)
+    rates = 0.5 * np.abs(coloured(2, t.size, 10.0))
+    rates[(t >= 40.0) & (t < 40.0 + for_s), 2] = -pushed_rad_s
+    rate, setpoint = series("body_rate", t, rates), series("body_rate_setpoint", t, asked)
+    found = find_tracking(rate, setpoint, ((t[0], t[-1]),), {}, of="rates")
+    assert found is not None
+    assert "Roll, pitch and yaw miss" in found.sentence
+    assert found.level == "fact"
+
+
 @pytest.mark.parametrize(("missed", "normal"), [(0.6, True), (0.8, False)])
 def test_a_loop_that_misses_more_than_it_follows_is_not_normal(missed: float, normal: bool) -> None:
     """A flown vehicle that missed 49 of the 60 deg/s which were asked was called normal."""
