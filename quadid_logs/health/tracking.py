@@ -23,8 +23,8 @@ _WARN_RAD, _FAIL_RAD, _LASTS_S = (*np.radians((5.0, 10.0)), 0.25)
 #: Who follows late follows: three time constants of an attitude loop (5 % of a step are left then) at the
 #: lowest angle gain of firmwares' defaults, 4.5 1/s (docs/health.md) [s].
 _LATE_S: Final = 3.0 / 4.5
-#: What turns the vehicle against a set-point by more than this, for longer than it may be late, is no gust: the
-#: largest heading error that a firmware's attitude controller acts on (docs/health.md) [rad].
+#: What turns the vehicle against a set-point by more than this, for longer than it may be late, is no gust:
+#: the largest heading error that a firmware's attitude controller acts on (docs/health.md) [rad].
 _AGAINST_RAD: Final = float(np.radians(45.0))
 #: Roll and pitch are judged; the nose may lag far behind a turn that was commanded at once.
 _TILTING: Final = 2
