@@ -118,8 +118,8 @@ class AxisSteps:
     split_rad_s : float
         Largest set-point of a window that parts small from large.
     overshoot : Quantity
-        Highest value above that of ``ideal``, as a fraction of the step; of small set-points where large ones
-        overshoot differently.
+        Highest value above 1, as a fraction of the step; of small set-points where large ones overshoot
+        differently.
     half_time : Quantity
         When half of the step is reached, by the same set-points [s].
     overshoot_large : Quantity or None

@@ -15,6 +15,7 @@ from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import AxisSteps, Level, Quantity, StepCurve, Steps
 from quadid_logs.health.records import records
+from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.sentences import listed
 from quadid_logs.vocabulary import AXES
 
@@ -36,6 +37,8 @@ _LEAST_EXPLAINED: Final = 0.5
 #: An integrator brings the rate to its set-point, 1, and nothing moves ahead of it. A response that ends or
 #: begins elsewhere by more than this is that of the set-point to the rate, through the angle loop.
 _OFF: Final = 0.2
+#: What has less than half of its frequency's response kept is not known.
+_KNOWN: Final = 0.5
 #: Half of the largest set-points part the small from the large.
 _LARGE: Final = 0.5
 
@@ -181,21 +184,27 @@ def find_steps(responses: dict[str, Response]) -> Steps | None:
         + ("" if one.overshoot_large is None else f" (large steps {_percent(one.overshoot_large)})")
         for axis, one in axes.items()
     )
-    above = [axis for axis, one in axes.items() if one.overshoot.value > _OVERSHOOT]
-    # Judged where the whole interval is above.
-    surely = [axis for axis in above if _lowest(axes[axis].overshoot) > _OVERSHOOT]
-    high = surely or above
-    level: Level = "high" if surely else "fact" if above else "normal"
+    # By the whole interval; where it holds the limit, the log does not decide.
+    ends = {axis: one.overshoot.ci95 or 2 * (one.overshoot.value,) for axis, one in axes.items()}
+    surely = [axis for axis, (low, _) in ends.items() if low > _OVERSHOOT]
+    perhaps = [axis for axis, (low, high) in ends.items() if low <= _OVERSHOOT < high]
     limit = f"{100.0 * _OVERSHOOT:.0f} %, the overshoot of a loop with 45 degrees of phase margin"
-    whose = "" if len(high) == len(axes) else f"on {listed(high)} "
-    more = "more than" if surely else "possibly more than"
-    judged = f"{whose}{more} the normal {limit}" if high else f"which is normal (below {limit})"
+
+    def on(some: Sequence[str]) -> str:
+        return "" if len(some) == len(axes) else f"on {listed(some)} "
+
+    level: Level = "normal"
+    judged = f"which is normal (below {limit})"
+    if surely:
+        level = "high"
+        judged = f"{on(surely)}more than the normal {limit}"
+        if perhaps:
+            judged += f", and {on(perhaps)}possibly more"
+    elif perhaps:
+        level = "fact"
+        judged = f"{on(perhaps)}possibly more than the normal {limit}"
     told = f"Time to half of a step: {late}. Overshoot: {over}, {judged}."
-    return Steps(sentence=told, level=level, axes=axes)
-
-
-def _lowest(overshoot: Quantity) -> float:
-    return overshoot.value if overshoot.ci95 is None else overshoot.ci95[0]
+    return Steps(sentence=told, level=level, judged=True, axes=axes)
 
 
 def _percent(overshoot: Quantity) -> str:
@@ -330,11 +339,15 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
     middle = windows.n // 2
     part = slice(middle - ahead, middle + behind + 1)
     shown, left_out = step[part], others[:, part]
-    half = _T * np.sqrt((_GROUPS - 1) * left_out.var(axis=0))
+    unseen = NORMAL_95 * _unseen(windows, power, cross, trust)
+    half = np.hypot(_T * np.sqrt((_GROUPS - 1) * left_out.var(axis=0)), unseen)
     times = _times(windows)
-    # By how much the response is higher than that of a loop that follows at once.
-    highest = float(ideal[part].max())
-    over = float(shown.max()) - highest, [float(one.max()) - highest for one in left_out]
+    # Above 1, not above a loop that follows at once: what that one overshoots lies at frequencies that are
+    # not kept, where a real one responds with less.
+    over = float(shown.max()) - 1.0, [float(one.max()) - 1.0 for one in left_out]
+    half_s = _half_time(times, shown)
+    # How fast it rises there [1/s]; slower than over all that is shown it is no rise.
+    rise = max(float(np.interp(half_s, times, np.gradient(shown, times))), 1.0 / _SHOWN_S)
     return _Curve(
         shown,
         shown - half,
@@ -342,9 +355,34 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
         ideal[part],
         float(np.median(half)) <= _OFF,
         # An integrator ends at 1: by how much the response does not, its slow part may be wrong.
-        _wider(_with_interval(*over, "1"), abs(end - 1.0)),
-        _with_interval(_half_time(times, shown), [_half_time(times, one) for one in left_out], "s"),
+        _wider(_with_interval(*over, "1", unseen), abs(end - 1.0)),
+        _with_interval(half_s, [_half_time(times, one) for one in left_out], "s", unseen / rise),
     )
+
+
+def _unseen(windows: _Windows, power: FloatArray, cross: FloatArray, trust: FloatArray) -> float:
+    """Return the standard deviation of what a step response lacks of the frequencies that are not kept.
+
+    A rate loop responds beyond its bandwidth with less and less, so that each frequency responds with no more
+    than the octave below it that is known; where none is, with one as at first. A response that
+    settles in time is one phase over the inverse of that time: so many neighbours count as one.
+    """
+    known = trust >= _KNOWN
+    gain = np.abs(cross) ** 2 / np.maximum(power, np.finfo(float).tiny) ** 2 - (1.0 - trust) / trust
+    sums = np.concatenate([[0.0], np.cumsum(np.where(known, np.maximum(gain, 0.0), 0.0))])
+    counts = np.concatenate([[0], np.cumsum(known)])
+    after = np.arange(1, trust.size + 1)
+    before = after // 2
+    seen = counts[after] - counts[before]
+    mean = (sums[after] - sums[before]) / np.maximum(seen, 1)
+    # What is not known is as much as where it was known last.
+    last = np.maximum.accumulate(np.where(seen > 0, after - 1, -1))
+    size = np.where(last >= 0, np.minimum(mean[last], 1.0), 1.0)[1:]
+    # What a sine adds to a sum of samples; of both signs of the frequency.
+    of_step = 1.0 / (windows.n * np.sin(np.pi * np.arange(1, trust.size) / windows.n))
+    neighbours = windows.n * windows.period_s / _SETTLED_S
+    lost = (of_step * (1.0 - trust[1:])) ** 2 * size
+    return float(np.sqrt(0.5 * neighbours * lost.sum()))
 
 
 def _trust(power: FloatArray, residual: FloatArray, n_windows: int) -> FloatArray:
@@ -394,7 +432,7 @@ def _wider(quantity: Quantity, by: float) -> Quantity:
     return quantity._replace(ci95=(low - by, high + by))
 
 
-def _with_interval(value: float, others: Sequence[float], unit: str) -> Quantity:
-    """Return a number with the interval of the delete-a-group jackknife (B. Efron, 1982)."""
-    half = _T * float(np.sqrt((_GROUPS - 1) * np.var(others)))
+def _with_interval(value: float, others: Sequence[float], unit: str, also: float = 0.0) -> Quantity:
+    """Return a number with the interval of the delete-a-group jackknife (B. Efron, 1982), and another's."""
+    half = float(np.hypot(_T * np.sqrt((_GROUPS - 1) * np.var(others)), also))
     return Quantity(value, unit, (value - half, value + half))
