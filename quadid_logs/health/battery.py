@@ -68,11 +68,13 @@ def find_battery(
     possible = n_stated > 0 and _LEAST_V <= highest_v / n_stated <= _CELL_V[1]
     if n_stated in fitting or (possible and not fitting):
         fitting = [n_stated]
-    n_cells = fitting[0] if len(fitting) == 1 else 0
     sag = None if throttle is None else _sag(record, throttle)
     # What neither falls nor sags, at a voltage of no battery, is an input that was left open.
     if sag is None and start - lowest < _FALLS_V and not fitting:
         return None
+    if highest_v <= _CELL_V[1]:  # nearly empty or not: two cells have more
+        fitting = [1]
+    n_cells = fitting[0] if len(fitting) == 1 else 0
     level: Level = "fact"
     if n_cells:
         per_cell = lowest / n_cells
@@ -88,8 +90,8 @@ def find_battery(
             "high": "below 3.5 V, at which pilots should land",
             "severe": "below 3.3 V, at which pilots must land at once",
         }[level]
-        plural = "s" if n_cells > 1 else ""
-        told += f": {per_cell:.2f} V for each of {n_cells} cell{plural}, {judged}"
+        each = f"each of {n_cells} cells" if n_cells > 1 else "its one cell"
+        told += f": {per_cell:.2f} V for {each}, {judged}"
     if sag is None or sag.ci95 is None:
         told = f"{told}."
     else:

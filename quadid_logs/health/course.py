@@ -56,10 +56,13 @@ def find_rates(rate: CleanSeries, intervals: Sequence[Interval]) -> Course | Non
     fast = np.percentile(size, _NEARLY_ALL, axis=0)
     highest = float(size.max())
     clipped = highest >= (1.0 - _SAME_RANGE) * _GYRO_DEG_S
+    beyond = highest > (1.0 + _SAME_RANGE) * _GYRO_DEG_S
     told = f"In 99 % of the flight the rates stay below these values: {_by_axis(fast, 2)} deg/s. "
     told += f"The fastest is {highest:.0f} deg/s, "
     told += (
-        "close to the end of most gyros' range."
+        f"more than most gyros measure ({_GYRO_DEG_S:.0f} deg/s). Such numbers may be wrong."
+        if beyond
+        else "close to the end of most gyros' range."
         if clipped
         else f"which most gyros measure (up to {_GYRO_DEG_S:.0f} deg/s)."
     )
@@ -106,8 +109,8 @@ def find_tilt(attitude: CleanSeries, intervals: Sequence[Interval]) -> Course | 
         f"which is normal (below {_FAILING_TILT_DEG:.0f})."
         if within
         else (
-            f"more than the {_FAILING_TILT_DEG:.0f} deg of normal flight. The cause is acrobatics or a loss "
-            "of control."
+            f"more than the {_FAILING_TILT_DEG:.0f} deg of normal flight. The cause is acrobatics, a loss of "
+            "control, or a vehicle that is carried."
         )
     )
     return _course(
@@ -187,9 +190,13 @@ def find_throttle(throttle: CleanSeries, intervals: Sequence[Interval]) -> Cours
         None where it was hardly logged in flight, or never changes.
     """
     record = _flown(throttle, intervals)
-    if record is None or not np.ptp(record.values[:, 0]) > 0.0:
+    if record is None:
         return None
-    record = Record(record.time_s, record.values[:, :1])
+    # More than all is no throttle: tables hold extrapolated rows.
+    possible = record.values[:, 0] <= 2.0 - _AT_END
+    record = Record(record.time_s[possible], record.values[possible, :1])
+    if not 2 * np.count_nonzero(possible) > possible.size or not np.ptp(record.values) > 0.0:
+        return None
     # As it is shown: a limit is not passed by what is rounded away.
     half, most = (round(float(one), 2) for one in np.percentile(record.values, [50.0, _NEARLY_ALL]))
     low, high = _HOVER
@@ -320,8 +327,8 @@ def find_torque(
         ahead, right = mean[[1, 0]] / float(lift.values[:, 0].mean()) * (1.0, -1.0)
         along, across = "ahead" if ahead > 0.0 else "behind", "right" if right > 0.0 else "left"
         told += (
-            f" This holds a centre of mass that lies {number(1000.0 * abs(ahead), 2)} mm {along} and "
-            f"{number(1000.0 * abs(right), 2)} mm to the {across} of the rotors' middle."
+            " If all rotors are alike, this holds a centre of mass that lies "
+            f"{number(1000.0 * abs(ahead), 2)} mm {along} and {number(1000.0 * abs(right), 2)} mm to the {across} of the rotors' middle."
         )
         figures |= {"ahead": Quantity(float(ahead), "m"), "right": Quantity(float(right), "m")}
     unit = "1" if torque.name == "torque_command" and torque.normalised else "N m"

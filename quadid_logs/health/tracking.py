@@ -83,6 +83,10 @@ def find_tracking(
         return _rates(axes, time_s, values)
     # For how much of the flight roll or pitch stays off what was asked, by how much.
     worst = np.maximum.reduce(distances[:_TILTING])
+    if not np.ptp(values[:, :_TILTING], axis=0).any():
+        return Tracking(
+            sentence=f"{_sentence(axes, of)} {_fixed(float(worst.max()))}", axes=axes, judged=True
+        )
     step_s = float(np.median(np.diff(time_s)))
     off_s, largest = 0.0, 0.0
     for first, after in _unbroken(time_s, worst > _WARN_RAD, step_s):
@@ -110,6 +114,17 @@ def find_tracking(
         )
     off = Quantity(share, "1", normal=(0.0, 0.0))
     return Tracking(sentence=f"{_sentence(axes, of)} {judged}", axes=axes, level=level, off=off)
+
+
+def _fixed(largest_rad: float) -> str:
+    """Say what set-points that stay the same all the time tell: those that no log holds are zero."""
+    told = "The set-points of roll and pitch never change in the flight"
+    if largest_rad <= _WARN_RAD:
+        return f"{told}, so the log does not show whether the vehicle follows."
+    return (
+        f"{told}, and the vehicle is up to {np.degrees(largest_rad):.0f} deg away from them. Either these are "
+        "not the set-points that it flew by, or it does not follow them."
+    )
 
 
 def _rates(axes: Mapping[str, AxisTracking], time_s: FloatArray, values: FloatArray) -> Tracking:

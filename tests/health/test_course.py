@@ -39,6 +39,29 @@ def test_a_rate_at_the_end_of_the_gyros_range_is_high() -> None:
     assert found.level == "high"
 
 
+def test_a_rate_beyond_the_gyros_range_is_not_close_to_its_end() -> None:
+    """A table of extrapolated rows holds 3100 deg/s."""
+    rates = np.radians(100.0) * coloured(1, T.size, 50.0)
+    rates[500:510, 2] = np.radians(3100.0)
+    found = find_rates(series("body_rate", T, rates), FLIGHT)
+    assert found is not None
+    assert found.level == "high"
+    assert "3100 deg/s, more than most gyros measure (2000 deg/s)" in found.sentence
+
+
+def test_a_throttle_of_more_than_all_is_none() -> None:
+    """Extrapolated rows at the end of a table gave a median of 1957 %."""
+    values = np.minimum(0.4 + 0.02 * coloured(2, T.size, 50.0, columns=1), 1.0)
+    some, most = values.copy(), values.copy()
+    some[-T.size // 5 :] = 12.0
+    most[-2 * T.size // 3 :] = 12.0
+    found = find_throttle(series("throttle", T, some), FLIGHT)
+    assert found is not None
+    assert found.figures["median"].value == pytest.approx(0.4, abs=0.01)
+    assert "upper end" not in found.sentence
+    assert find_throttle(series("throttle", T, most), FLIGHT) is None
+
+
 @pytest.mark.parametrize(
     ("roll_deg", "pitch_deg", "tilt_deg"), [(30.0, 0.0, 30.0), (40.0, 40.0, 54.07), (0.0, -75.0, 75.0)]
 )

@@ -221,6 +221,8 @@ def test_counters_beside_a_vibration_that_was_not_measured_prove_no_clipping() -
         (12.4, 10.2, 3, "high"),
         (25.0, 19.5, 6, "severe"),
         (9.9, 9.2, 0, "fact"),
+        # Flown with one cell; no two have so little.
+        (3.4, 3.1, 1, "severe"),
     ],
 )
 def test_a_battery_is_judged_by_its_cells(start: float, end: float, cells: int, level: str) -> None:

@@ -308,6 +308,26 @@ def test_a_vehicle_that_follows_quick_sticks_late_follows() -> None:
     assert found.level == "normal"
 
 
+@pytest.mark.parametrize(
+    ("tilt_deg", "told"), [(2.0, "does not show whether"), (12.0, "Either these are not")]
+)
+def test_set_points_that_never_change_tell_nothing_of_following(tilt_deg: float, told: str) -> None:
+    """Flown logs hold zeros for set-points: "follows, which is normal" was said of some, "severe" of others."""
+    t = grid(100.0)
+    angles = np.radians(tilt_deg) * np.sin(t)[:, np.newaxis] * [1.0, 1.0, 0.0]
+    found = find_tracking(
+        series("attitude", t, angles),
+        series("attitude_setpoint", t, np.zeros((t.size, 3))),
+        ((t[0], t[-1]),),
+        {},
+        of="angles",
+    )
+    assert found is not None
+    assert found.level == "fact"
+    assert told in found.sentence
+    assert "normal" not in found.sentence
+
+
 def test_a_nose_that_lags_behind_its_set_point_is_not_judged() -> None:
     """A turn is asked for at once, and takes its time."""
     actual, setpoint, intervals = angles_off(0.0, 1.0)
