@@ -57,7 +57,7 @@ _NEEDS: Final[Mapping[str, tuple[tuple[str, ...], str]]] = {
     ),
     "motors": (("outputs",), "the log does not say which outputs drive the motors, or they never change"),
     "vibration": (("specific_force",), "it is logged too slowly, or the flight is too short"),
-    "throttle": (("throttle",), "it was hardly logged in flight, or never changes"),
+    "throttle": (("throttle",), "it was hardly logged in flight, never changes, or is above 100 %"),
     "battery": (("battery_voltage",), "none was measured in flight"),
     "oscillation": (
         ("body_rate", "body_rate_setpoint", "torque_command"),

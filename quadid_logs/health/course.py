@@ -328,7 +328,8 @@ def find_torque(
         along, across = "ahead" if ahead > 0.0 else "behind", "right" if right > 0.0 else "left"
         told += (
             " If all rotors are alike, this holds a centre of mass that lies "
-            f"{number(1000.0 * abs(ahead), 2)} mm {along} and {number(1000.0 * abs(right), 2)} mm to the {across} of the rotors' middle."
+            f"{number(1000.0 * abs(ahead), 2)} mm {along} and {number(1000.0 * abs(right), 2)} mm to the "
+            f"{across} of the rotors' middle."
         )
         figures |= {"ahead": Quantity(float(ahead), "m"), "right": Quantity(float(right), "m")}
     unit = "1" if torque.name == "torque_command" and torque.normalised else "N m"

@@ -122,8 +122,8 @@ def _fixed(largest_rad: float) -> str:
     if largest_rad <= _WARN_RAD:
         return f"{told}, so the log does not show whether the vehicle follows."
     return (
-        f"{told}, and the vehicle is up to {np.degrees(largest_rad):.0f} deg away from them. Either these are "
-        "not the set-points that it flew by, or it does not follow them."
+        f"{told}, and the vehicle is up to {np.degrees(largest_rad):.0f} deg away from them. Either these "
+        "are not the set-points that it flew by, or it does not follow them."
     )
 
 
