@@ -97,9 +97,9 @@ def _line(axis: str, found: AxisLoop) -> Finding | None:
     # A loop near its limit makes a line of its own at its crossover; what bends takes margin, too.
     if room_of(margins) <= Room.POOR:
         advice = (
-            f"The line at {line} may be the loop itself, which has little margin. Do not raise P or D: fly "
-            "with more margin first. If the line stays, look for what bends or is loose, and stiffen it. "
-            "Or put a notch there, if a log at the loop rate shows the line too."
+            f"The peak at {line} may be the loop itself, which has little margin. Do not raise P or D: fly "
+            "with more margin first. If the peak stays, look for what bends or is loose, and stiffen it. "
+            "Or put a notch there, if a log at the loop rate shows the peak too."
         )
     return finding("QL607", "warning" if low else "info", evidence, axes=(axis,), advice=advice)
 

@@ -65,10 +65,11 @@ def find_in_pool(pooled: Sequence[PooledLog], identification: Identification) ->
         return
     flown = {PurePath(each.path).name: round(each.used_s, 1) for each in pooled}
     same = {PurePath(each.path).name: PurePath(each.same_as).name for each in pooled if each.same_as}
-    idle = [name for name, used_s in flown.items() if not used_s]
+    # What repeats another flight is counted with that one, and asks nothing of anybody.
+    idle = [name for name, used_s in flown.items() if not used_s and name not in same]
     title = f"{len(idle)} of {len(pooled)} pooled logs hold no usable flight" if idle else ""
     advice = _LEAVE_OUT if idle else ""
-    if same:
+    if same and not idle:
         title = (
             f"{len(same)} of {len(pooled)} pooled logs repeat the flight of another log, which counts once"
         )
@@ -105,7 +106,7 @@ def _damage(log: FlightLog) -> Iterator[Finding]:
         fraction = log.corrupt_bytes / max(log.n_bytes, 1)
         yield finding(
             "QL101",
-            "warning" if fraction > _NOTABLE_LOSS else "info",
+            "warning" if fraction > _NOTABLE_LOSS and not _only_the_end(log) else "info",
             {
                 "corrupt_bytes": log.corrupt_bytes,
                 "file_bytes": log.n_bytes,

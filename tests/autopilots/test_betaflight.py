@@ -135,6 +135,7 @@ def test_the_clock_of_32_bits_turns_over(tmp_path: Path) -> None:
         ("f0e8c3a", "Cleanflight", "Cleanflight"),
         ("KISS 1.3-RC50 (abc) FCV2", "KISS", "KISS"),
         ("QuickSilver v0.1", "QuickSilver", "QuickSilver"),
+        ("Indiflight 5.0.0 (norevision) STM32H743", "Cleanflight", "Indiflight"),
         ("Butterflight 4.0.0 (abc) F4", "Cleanflight", "Butterflight"),
         ("f0e8c3a", "Baseflight", "Baseflight"),
     ],
@@ -144,6 +145,15 @@ def test_other_firmware_is_refused_by_its_name(revision: str, kind: str, name: s
     names = {"Firmware__revision": revision, "Firmware__type": kind}
     with pytest.raises(UnknownFormatError, match=f"log of {name}, not"):
         made(tmp_path, {"gyroADC[0]": np.zeros(40)}, **names)
+
+
+def test_an_inverting_controller_is_told_from_a_pid(tmp_path: Path) -> None:
+    """Two flown logs of Indiflight have headers with PID gains that it does not use."""
+    names = {"Firmware__revision": "Indiflight 5.0.0 (norevision) STM32H743", "Firmware__type": "Cleanflight"}
+    with pytest.raises(UnknownFormatError) as error:
+        made(tmp_path, {"gyroADC[0]": np.zeros(40)}, **names)
+    assert "(INDI)" in error.value.hint
+    assert "PID sums" in error.value.hint
 
 
 def test_a_header_that_ends_before_it_names_its_firmware_may_be_cut_off(tmp_path: Path) -> None:

@@ -61,6 +61,21 @@ def test_pooled_logs_without_a_flight_are_to_be_left_out() -> None:
     assert step.startswith("Leave out ")
 
 
+def test_a_log_that_repeats_another_flight_is_no_warning() -> None:
+    """ "2 of 9 logs repeat the flight of another" was the reason on the cards of all axes, and a step."""
+    pooled = [
+        PooledLog(path="one.bin", used_s=60.0),
+        PooledLog(path="copy.bin", used_s=0.0, same_as="one.bin"),
+    ]
+    (repeated,) = find_in_pool(pooled, Identification())
+    assert repeated.level == "info"
+    assert "1 of 2 pooled logs repeat" in repeated.title
+    assert not next_steps([(_log(), repeated)])
+    (both,) = find_in_pool([*pooled, PooledLog(path="bench.bin", used_s=0.0)], Identification())
+    assert both.level == "warning"
+    assert "1 of 3 pooled logs hold no usable flight" in both.title
+
+
 def test_the_manoeuvre_names_the_axes_that_need_it_and_no_other() -> None:
     """Minutes in the air are what it costs."""
     (step,) = next_steps((_log(), each) for each in THREE_WEAK_AXES[1:])

@@ -34,6 +34,10 @@ from quadid_logs.vocabulary import AXES, MULTIROTOR
 _KNOWN: Final = ("Betaflight", "Cleanflight", "INAV")
 _OTHERS: Final = {
     "Rotorflight": "That firmware flies helicopters: their torque does not come from motor thrusts.",
+    "Indiflight": (
+        "That firmware controls accelerations by inversion (INDI): its logs hold no PID sums. Export a table "
+        "in SI units with its own tools (indiflightSupport)."
+    ),
 }
 _KINDS: Final = {"I": "main", "S": "slow", "H": "GPS home", "G": "GPS"}
 _WORD: Final = 1 << 32
