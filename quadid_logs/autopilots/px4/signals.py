@@ -56,7 +56,8 @@ def _outputs(part: _Part, source: _Row) -> Built | None:
         drivers = [counts == count for count in np.unique(counts)]
         if 1 < len(drivers) <= _MOST_DRIVERS:
             # The motors are on the one that moves most.
-            mine = max(drivers, key=lambda one: _movement(output[one]))
+            movement = [_movement(output[one]) for one in drivers]
+            mine = drivers[int(np.argmax(movement))]
             output, rows = output[mine], Rows(rows.time_s[mine], rows.position[mine])
             note = f"rows with {counts[mine][0]} in noutputs: another driver wrote the other rows"
     used = None if output is None else used_columns(output, output > 0.0)
