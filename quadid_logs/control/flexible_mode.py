@@ -492,19 +492,24 @@ def _ruled_out(wanted: _Candidates, measured: Measured) -> FloatArray:
     each, where it is least. A response that is more like the mode's than the model's proves none: a lag of
     another order changes it, too. What is off without any mode is not modelled, and counts as for the noise.
     """
-    found = np.zeros((wanted.natural_hz.size, wanted.gain.size))
-    for place, natural_hz in enumerate(wanted.natural_hz.tolist()):
-        below = measured.ratio.frequency_hz * BAND_WIDTH < natural_hz
-        ratio, n_below = measured.ratio.of(below), int(np.count_nonzero(below))
+    n_kinds = wanted.gain.size
+    found = np.zeros((wanted.natural_hz.size, n_kinds))
+    below = measured.ratio.frequency_hz * BAND_WIDTH < wanted.natural_hz[:, np.newaxis]
+    # Modes above the same bands are held against these at once.
+    for bands in np.unique(below, axis=0):
+        n_below = int(np.count_nonzero(bands))
         if not n_below:
             continue
-        x = ratio.frequency_hz / np.sqrt(BAND_WIDTH) / natural_hz
+        places = np.flatnonzero((below == bands).all(axis=1))
+        ratio = measured.ratio.of(bands)
+        x = ratio.frequency_hz / np.sqrt(BAND_WIDTH) / wanted.natural_hz[places, np.newaxis, np.newaxis]
         h = x**2 / (1.0 - x**2 + 2j * wanted.damping_ratio[:, np.newaxis] * x)
-        expected = np.vstack([np.ones(n_below), 1.0 + wanted.gain[:, np.newaxis] * h])
-        drawn = None if measured.drawn is None else measured.drawn[:, below]
+        skirts = 1.0 + wanted.gain[:, np.newaxis] * h
+        expected = np.vstack([np.ones(n_below), skirts.reshape(-1, n_below)])
+        drawn = None if measured.drawn is None else measured.drawn[:, bands]
         off = distances(ratio, drawn, expected)
         of_chance = max(float(off[0]) / (2.0 * n_below), 1.0)
-        found[place] = np.maximum(off[1:] - off[0], 0.0) / (2.0 * of_chance)
+        found[places] = np.maximum(off[1:] - off[0], 0.0).reshape(-1, n_kinds) / (2.0 * of_chance)
     return found
 
 

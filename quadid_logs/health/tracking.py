@@ -193,7 +193,7 @@ def _over_last(which: np.ufunc, values: FloatArray, n_rows: int) -> FloatArray:
         more = min(width, n_rows - width)
         found = which(found[more:], found[:-more])
         width += more
-    return found
+    return np.asarray(found, dtype=np.float64)
 
 
 def _unbroken(time_s: FloatArray, mask: BoolArray, step_s: float) -> list[tuple[int, int]]:

@@ -101,9 +101,14 @@ class Projection:
         order = np.argsort(clusters, kind="stable")
         for rows in np.split(order, np.flatnonzero(np.diff(clusters[order])) + 1):
             basis = self._basis[rows]
-            leverage, vector = np.linalg.eigh(basis.T @ basis)
+            gram, own = basis.T @ basis, basis.T @ columns[rows]
+            # No leverage is more than the norm of all. Eigenvectors take ten times as long.
+            if np.linalg.norm(gram) <= _MOST_LEVERAGE:
+                told[rows] = basis @ np.linalg.solve(np.eye(len(gram)) - gram, products - own)
+                continue
+            leverage, vector = np.linalg.eigh(gram)
             elsewhere = leverage <= _MOST_LEVERAGE
-            here = np.where(elsewhere, 1.0, 0.0)[:, np.newaxis] * (vector.T @ (basis.T @ columns[rows]))
+            here = np.where(elsewhere, 1.0, 0.0)[:, np.newaxis] * (vector.T @ own)
             rest = np.where(elsewhere, 1.0 - leverage, 1.0)[:, np.newaxis]
             told[rows] = (basis @ vector) @ ((vector.T @ products - here) / rest)
         return Projection.onto(told) if told.any() else self

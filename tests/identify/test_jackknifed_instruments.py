@@ -58,6 +58,21 @@ def test_no_more_instruments_are_left_than_columns() -> None:
     assert project.jackknifed(columns, CLUSTERS).n_instruments == 3
 
 
+@pytest.mark.parametrize("strength", [1.0, 12.0])
+def test_each_second_is_told_by_a_fit_to_all_others(strength: float) -> None:
+    """Whether a second holds as little of the manoeuvre as the others, or two thirds of it."""
+    rng = np.random.default_rng(10)
+    instruments = rng.standard_normal((CLUSTERS.size, 2))
+    instruments[CLUSTERS == 12] = strength * np.array([[1, 0], [0, 1], [1, 0], [0, 1], [0, 0]])
+    column = instruments @ np.array([[1.0], [2.0]]) + rng.standard_normal((CLUSTERS.size, 1))
+    by_others = np.empty_like(column)
+    for second in range(N_CLUSTERS):
+        own = second == CLUSTERS
+        by_others[own] = instruments[own] @ np.linalg.lstsq(instruments[~own], column[~own], rcond=None)[0]
+    project = Projection.onto(instruments).jackknifed(column, CLUSTERS)
+    np.testing.assert_allclose(project(by_others), by_others, atol=1e-9)
+
+
 def test_a_manoeuvre_flown_within_one_second_is_told_by_that_second() -> None:
     """No other knows of it: told by them alone, nothing of it or anything would be left."""
     rng = np.random.default_rng(8)
