@@ -19,7 +19,7 @@ from quadid_logs.data.model import Model, Parameter
 from quadid_logs.data.result import Result
 from quadid_logs.diagnose.advice import next_steps
 from quadid_logs.errors import SettingsError
-from quadid_logs.maths.holm import holm, two_sided
+from quadid_logs.maths.multiple_tests import adjusted, two_sided
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.random_effect import RandomEffectMean, random_effect, random_effect_mean
 from quadid_logs.sentences import continued
@@ -433,8 +433,8 @@ def _tested(quantities: Sequence[RepeatedQuantity]) -> Iterator[RepeatedQuantity
 def _adjusted(families: Sequence[Mapping[Any, float]]) -> list[list[float]]:
     """Return the p-values of z-values, corrected over all families together."""
     z = np.array([value for each in families for value in each.values()])
-    adjusted = iter(holm(two_sided(z)).tolist())
-    return [[next(adjusted) for _ in each] for each in families]
+    corrected = iter(adjusted(two_sided(z)).tolist())
+    return [[next(corrected) for _ in each] for each in families]
 
 
 def _from_others(estimates: Sequence[FlightEstimate], flight: int) -> tuple[float, float]:

@@ -28,8 +28,11 @@ class Table:
     note: str = ""
 
 
+def interval_cell(value: float, ci95: tuple[float, float], *, weak: bool = False) -> Cell:
+    """Return a value with its 95 % interval below."""
+    return Cell(text=resolved(value, *ci95), detail=interval(*ci95), weak=weak)
+
+
 def estimated_cell(figure: Estimated | None) -> Cell:
     """Return a figure with its 95 % interval below; a dash where it is not known."""
-    if figure is None:
-        return Cell(text="–")
-    return Cell(text=resolved(figure.value, *figure.ci95), detail=interval(*figure.ci95))
+    return Cell(text="–") if figure is None else interval_cell(*figure)

@@ -10,11 +10,10 @@ from typing import Final
 from quadid_logs.comparison import Comparison, Quantity
 from quadid_logs.data.result import Result
 from quadid_logs.figures import Figure
-from quadid_logs.report.cells import Cell, Table
+from quadid_logs.report.cells import Cell, Table, interval_cell
 from quadid_logs.report.comparison import amount, change_words, headline, promise_sentences, throttle_note
 from quadid_logs.report.gain_files import exact
 from quadid_logs.report.html import charts
-from quadid_logs.report.numbers import interval, resolved
 from quadid_logs.report.pages import environment
 from quadid_logs.report.verdict import flown_sentence
 from quadid_logs.report.words import pretty_unit
@@ -124,7 +123,7 @@ def _actuators(comparison: Comparison) -> Iterator[dict[str, str]]:
 
 def _row(quantity: Quantity) -> tuple[Cell, ...]:
     values = (
-        Cell(text=resolved(value, *ci95), detail=interval(*ci95))
+        interval_cell(value, ci95)
         for value, ci95 in ((quantity.before, quantity.ci95_before), (quantity.after, quantity.ci95_after))
     )
     difference = change_words(quantity)

@@ -9,8 +9,8 @@ from quadid_logs.control.filters import filter_costs, lines_of, rate_crossover
 from quadid_logs.data.controller import FilterPlace
 from quadid_logs.data.health import LineSource
 from quadid_logs.data.result import Result
-from quadid_logs.report.cells import Cell, Table
-from quadid_logs.report.numbers import interval, number, resolved
+from quadid_logs.report.cells import Cell, Table, estimated_cell
+from quadid_logs.report.numbers import number
 
 #: Columns of lines, the highest first: more do not fit a page.
 _MOST_LINES: Final = 5
@@ -59,19 +59,20 @@ def filter_tables(result: Result) -> tuple[Table, ...]:
                 rotor = f", {line.harmonic} x rotor" if of_rotor else ""
                 heads.append(f"line at {number(line.frequency_hz, 3)} Hz{rotor} [dB]")
             for cost in costs:
-                phase = cost.phase_deg
-                lost = (
-                    Cell(text="–")
-                    if phase is None
-                    else Cell(text=resolved(phase.value, *phase.ci95), detail=interval(*phase.ci95))
-                )
                 gains = (Cell(text=f"{gain_db:.1f}".replace("-", "−")) for gain_db in cost.at_lines_db)
                 name = cost.name or "whole path of the gyro"
                 centre = ""
                 if cost.centre_hz:
                     low, middle, high = (number(each, 3) for each in cost.centre_hz)
                     centre = f"{middle} Hz" if low == high else f"{middle} Hz, from {low} to {high}"
-                rows.append((Cell(text=name, detail=centre), Cell(text=_PLACES[cost.place]), lost, *gains))
+                rows.append(
+                    (
+                        Cell(text=name, detail=centre),
+                        Cell(text=_PLACES[cost.place]),
+                        estimated_cell(cost.phase_deg),
+                        *gains,
+                    )
+                )
             tables.append(
                 Table(
                     caption=f"Filters, {axis}",

@@ -14,8 +14,8 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.identify.structures import STRUCTURES
 from quadid_logs.maths.rotational_dynamics import PRODUCTS
-from quadid_logs.report.cells import Cell, Table
-from quadid_logs.report.numbers import estimate, interval, number, percent, resolved
+from quadid_logs.report.cells import Cell, Table, interval_cell
+from quadid_logs.report.numbers import estimate, number, percent
 from quadid_logs.report.verdict import input_unit, refused_axes
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, regressor_words, term_words
@@ -148,11 +148,7 @@ def _thrust_table(curve: ThrustCurve) -> Table:
     rows = tuple(
         (
             Cell(text=percent(float(thrust))),
-            Cell(
-                text=resolved(float(value), float(low), float(high)),
-                detail=interval(float(low), float(high)),
-                weak=not curve.identifiable,
-            ),
+            interval_cell(float(value), (float(low), float(high)), weak=not curve.identifiable),
         )
         for thrust, value, (low, high) in levels
     )
@@ -255,12 +251,10 @@ def _entry(parameter: Parameter | None, value: float, largest: float, distrusted
         return Cell(text="–", detail="left out", weak=True)
     if max(map(abs, parameter.ci95)) < _ROUNDING * largest:
         return Cell(text="0")
-    detail = interval(*parameter.ci95)
-    weak = distrusted or not parameter.identifiable
-    return Cell(text=resolved(parameter.value, *parameter.ci95), detail=detail, weak=weak)
+    return interval_cell(parameter.value, parameter.ci95, weak=distrusted or not parameter.identifiable)
 
 
 def _moment(inertia: Inertia, i: int, j: int, *, weak: bool) -> Cell:
     """Return one entry of the tensor."""
     ends = float(inertia.ci95_low[i, j]), float(inertia.ci95_high[i, j])
-    return Cell(text=resolved(float(inertia.matrix[i, j]), *ends), detail=interval(*ends), weak=weak)
+    return interval_cell(float(inertia.matrix[i, j]), ends, weak=weak)
