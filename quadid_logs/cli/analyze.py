@@ -28,7 +28,7 @@ from quadid_logs.cli.options import (
     settings_of,
     vehicle_of,
 )
-from quadid_logs.cli.page import open_page
+from quadid_logs.cli.outcome import open_page
 from quadid_logs.cli.progress import Part, Progress, parts
 from quadid_logs.cli.terminal import is_terminal, show_result
 from quadid_logs.output import check_free, write_beside

@@ -22,8 +22,7 @@ from quadid_logs.cli.options import (
     settings_of,
     vehicle_of,
 )
-from quadid_logs.cli.outcome import say_outcome, write_outcome
-from quadid_logs.cli.page import open_page
+from quadid_logs.cli.outcome import open_page, say_outcome, write_outcome
 from quadid_logs.cli.progress import Progress
 from quadid_logs.output import check_folder_free
 

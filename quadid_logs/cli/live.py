@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from quadid_logs.cli.failure import flush, report_problem, say
-from quadid_logs.cli.page import open_page
+from quadid_logs.cli.outcome import open_page
 from quadid_logs.cli.terminal import is_terminal
 from quadid_logs.errors import QuadidError
 from quadid_logs.untrusted import printable

@@ -1,4 +1,4 @@
-"""What verbs with one outcome say and write, such as `check`, `compare` and `swing`."""
+"""What verbs say of their one outcome, what they write, and the page that they open."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from quadid_logs.output import new_folder, write_together
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from quadid_logs.figures import Figure
 
@@ -47,3 +47,11 @@ def write_outcome(
         # That of an earlier run would contradict the JSON beside it.
         (folder / name).unlink(missing_ok=True)
     return ", ".join(printable(folder / name) for name in files)
+
+
+def open_page(page: Path, say: Callable[[str], None] = report_problem) -> None:
+    """Open a page in the browser; where there is none its path is said."""
+    import webbrowser
+
+    if not webbrowser.open(page.resolve().as_uri()):
+        say(f"no browser could be opened. Open the page yourself: {printable(page)}.")

@@ -25,7 +25,7 @@ from quadid_logs.cli.options import (
     settings_of,
     vehicle_of,
 )
-from quadid_logs.cli.page import open_page
+from quadid_logs.cli.outcome import open_page
 from quadid_logs.cli.progress import Progress
 from quadid_logs.data.settings import Settings
 from quadid_logs.errors import SettingsError
