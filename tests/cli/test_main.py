@@ -34,8 +34,10 @@ class FakePipeline:
         settings: Settings,
         *,
         vehicle: Vehicle | None = None,
+        published: bool = True,
         progress: Callable[[str], None] | None = None,
     ) -> Result:
+        assert published
         self.settings.append(settings)
         self.vehicles.append(vehicle)
         if progress is not None:
