@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -138,7 +139,7 @@ def find_noise(
     held = sum(line.rms**2 for found in lines.values() for line in found if line.frequency_hz > COMMANDED_HZ)
     in_lines = min(held / power, 1.0) if power > 0.0 else 0.0
     return Noise(
-        sentence=_sentence(lines, folded, float(main.frequency_hz[-1]), bool(searched.any()), in_lines)
+        sentence=_sentence(lines, folded, main.frequency_hz, bool(searched.any()), in_lines)
         + _strongest(shown, main),
         judged=bool(searched.any())
         and in_lines <= 0.5
@@ -202,7 +203,13 @@ def _strongest(shown: Mapping[str, Periodograms], searched: Periodograms) -> str
             where = "after them" if sizes else f"{name} the filters"
             sizes.append(f"{number(float(np.degrees(np.sqrt(total))), 2)} deg/s rms {where}")
     told = f"{AXES[column].capitalize()} vibrates most above {COMMANDED_HZ:.0f} Hz: {' and '.join(sizes)}, "
-    return f" {told}most of it around {number(middle_hz, 2)} Hz."
+    return f" {told}most of it around {_hertz(middle_hz, 2, float(searched.frequency_hz[1]))} Hz."
+
+
+def _hertz(frequency_hz: float, digits: int, step_hz: float) -> str:
+    """Write a frequency to no more than windows resolve: batches of a tenth of a second tell 13 Hz apart."""
+    ten = 10.0 ** math.floor(math.log10(2.0 * step_hz))
+    return number(ten * round(frequency_hz / ten) if ten > 1.0 else frequency_hz, digits)
 
 
 def _spectra(series: CleanSeries, intervals: Sequence[Interval]) -> Periodograms | None:
@@ -433,12 +440,17 @@ def source_words(line: Line) -> str:
 
 
 def _sentence(
-    lines: Mapping[str, tuple[Line, ...]], folded: bool, highest_hz: float, searched: bool, in_lines: float
+    lines: Mapping[str, tuple[Line, ...]],
+    folded: bool,
+    frequency_hz: FloatArray,
+    searched: bool,
+    in_lines: float,
 ) -> str:
     """Say which lines there are, and how much of the vibration they are.
 
     No published figure says how high one may be; one half is where lines are more than all else.
     """
+    highest_hz = float(frequency_hz[-1])
     if not searched:
         return (
             f"The log shows the gyro only up to {number(highest_hz, 3)} Hz, and holds no set-points: "
@@ -455,7 +467,8 @@ def _sentence(
         for axis, line in named[:_MOST_NAMED]:
             source = source_words(line)
             size = f"{line.height_db:.0f} dB, {number(float(np.degrees(line.rms)), 2)} deg/s rms"
-            words.append(f"{axis} {number(line.frequency_hz, 3)} Hz ({size}{', ' if source else ''}{source})")
+            at = _hertz(line.frequency_hz, 3, float(frequency_hz[1]))
+            words.append(f"{axis} {at} Hz ({size}{', ' if source else ''}{source})")
         told = f"The gyro shows distinct lines: {some(words, len(named))}"
         if highest_hz > COMMANDED_HZ:
             more = "more than" if in_lines > 0.5 else "less than"

@@ -53,6 +53,17 @@ def test_the_sentence_says_how_much_and_where_the_gyro_vibrates() -> None:
     assert float(found) == pytest.approx(112.0, abs=3.0)
 
 
+def test_a_frequency_is_told_no_finer_than_batches_resolve() -> None:
+    """Ten batches of 1024 samples at 6.4 kHz tell frequencies 12.5 Hz apart: a flown line was "at 114 Hz"."""
+    t = np.concatenate([10.0 + 5.0 * batch + np.arange(1024) / 6400.0 for batch in range(10)])
+    rates = 0.02 * np.random.default_rng(4).standard_normal((t.size, 3))
+    rates += 0.7 * np.sin(2.0 * np.pi * 118.0 * t)[:, np.newaxis]
+    noise = find_noise([series("gyro_samples", t, rates, raw=True)], None, None, None, ((t[0], t[-1]),))
+    assert noise is not None
+    assert "roll 120 Hz (" in noise.sentence
+    assert noise.sentence.endswith("around 120 Hz.")
+
+
 @pytest.mark.parametrize(("rate_hz", "folded"), [(400.0, True), (2000.0, True), (4000.0, False)])
 def test_what_a_gyro_s_own_low_pass_ends_does_not_fold(rate_hz: float, folded: bool) -> None:
     """Sensors end below 540 Hz: samples at several kilohertz hold all that they measure."""
