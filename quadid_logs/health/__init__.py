@@ -32,7 +32,7 @@ from quadid_logs.health.steps import find_angle_lags, find_responses, find_steps
 from quadid_logs.health.tracking import find_tracking
 from quadid_logs.health.vibration import find_vibration
 from quadid_logs.numerals import number
-from quadid_logs.vocabulary import NOT_A_MULTIROTOR
+from quadid_logs.vocabulary import NOT_A_MULTIROTOR, TABLE_FORMAT
 
 __all__ = ["faults_of", "health_of"]
 
@@ -142,7 +142,15 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
         ),
         "throttle": None if throttle is None else find_throttle(throttle, intervals),
         "steps": find_steps(responses),
-        "noise": find_noise(gyros, asked, throttle, speed, intervals, oscillations_hz),
+        "noise": find_noise(
+            gyros,
+            asked,
+            throttle,
+            speed,
+            intervals,
+            oscillations_hz,
+            of_gyro=prepared.log.format != TABLE_FORMAT,
+        ),
         "command_noise": None
         if output is None or not output.normalised
         else find_command_noise(output, prepared.log.controller_terms, prepared.clean.clock, intervals),

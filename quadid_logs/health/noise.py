@@ -71,6 +71,8 @@ def find_noise(
     rotor_speed: CleanSeries | None,
     intervals: Sequence[Interval],
     oscillations_hz: Mapping[str, Sequence[float]] = MappingProxyType({}),
+    *,
+    of_gyro: bool = True,
 ) -> Noise | None:
     """Take the fastest gyro behind the filters and the fastest before them, and find the lines.
 
@@ -82,6 +84,8 @@ def find_noise(
         Of flight.
     oscillations_hz : mapping of str to sequence of float
         What is known to oscillate, by axis.
+    of_gyro : bool
+        Whether a gyro measured the rates; a table does not say.
 
     Returns
     -------
@@ -139,7 +143,7 @@ def find_noise(
     held = sum(line.rms**2 for found in lines.values() for line in found if line.frequency_hz > COMMANDED_HZ)
     in_lines = min(held / power, 1.0) if power > 0.0 else 0.0
     return Noise(
-        sentence=_sentence(lines, folded, main.frequency_hz, bool(searched.any()), in_lines)
+        sentence=_sentence(lines, folded, main.frequency_hz, bool(searched.any()), in_lines, of_gyro=of_gyro)
         + _strongest(shown, main),
         judged=bool(searched.any())
         and in_lines <= 0.5
@@ -445,22 +449,27 @@ def _sentence(
     frequency_hz: FloatArray,
     searched: bool,
     in_lines: float,
+    *,
+    of_gyro: bool,
 ) -> str:
     """Say which lines there are, and how much of the vibration they are.
 
     No published figure says how high one may be; one half is where lines are more than all else.
     """
     highest_hz = float(frequency_hz[-1])
+    seen, shows, power = ("the gyro", "The gyro shows", "the gyro's power")
+    if not of_gyro:
+        seen, shows, power = ("the body rates", "The body rates show", "the power of the rates")
     if not searched:
         return (
-            f"The log shows the gyro only up to {number(highest_hz, 3)} Hz, and holds no set-points: "
+            f"The log shows {seen} only up to {number(highest_hz, 3)} Hz, and holds no set-points: "
             "vibration cannot be separated from commands."
         )
     named = sorted(
         ((axis, line) for axis, found in lines.items() for line in found), key=lambda one: -one[1].height_db
     )
     if not named:
-        told = f"The gyro shows no distinct line up to {number(highest_hz, 3)} Hz"
+        told = f"{shows} no distinct line up to {number(highest_hz, 3)} Hz"
         told += ", which is normal" if highest_hz >= _ROTOR_HZ else ""
     else:
         words = []
@@ -469,11 +478,11 @@ def _sentence(
             size = f"{line.height_db:.0f} dB, {number(float(np.degrees(line.rms)), 2)} deg/s rms"
             at = _hertz(line.frequency_hz, 3, float(frequency_hz[1]))
             words.append(f"{axis} {at} Hz ({size}{', ' if source else ''}{source})")
-        told = f"The gyro shows distinct lines: {some(words, len(named))}"
+        told = f"{shows} distinct lines: {some(words, len(named))}"
         if highest_hz > COMMANDED_HZ:
             more = "more than" if in_lines > 0.5 else "less than"
             part = number(100.0 * in_lines, 2)
-            told += f". Above {COMMANDED_HZ:.0f} Hz, lines hold {part} % of the gyro's power, {more} the rest"
+            told += f". Above {COMMANDED_HZ:.0f} Hz, lines hold {part} % of {power}, {more} the rest"
     note = (
         ". Faster vibration can also appear at these frequencies, because the log is slow"
         if folded and named

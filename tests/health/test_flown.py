@@ -122,6 +122,14 @@ def test_newtons_of_other_motors_are_told_by_the_mass_that_they_carry(corpus: Pa
     assert found.thrust.figures["mass"].value == pytest.approx(2.64, rel=0.02)
 
 
+def test_rates_of_a_table_are_not_said_to_be_a_gyro_s(corpus: Path) -> None:
+    """Motion capture measured these."""
+    found = health(corpus, "real/tailsitter-manual-position-1.csv")
+    assert found.noise is not None
+    assert "The body rates show distinct lines" in found.noise.sentence
+    assert "gyro" not in found.noise.sentence
+
+
 def test_newton_metres_are_no_percentage_of_a_range(corpus: Path) -> None:
     """The Lee controller commands some 1e-4 N m: of a range of 1 that would be next to nothing."""
     found = health(corpus, "flown/crazyswarm2/logs/log09")
