@@ -368,7 +368,8 @@ def _unseen(windows: _Windows, power: FloatArray, cross: FloatArray, trust: Floa
     settles in time is one phase over the inverse of that time: so many neighbours count as one.
     """
     known = trust >= _KNOWN
-    gain = np.abs(cross) ** 2 / np.maximum(power, np.finfo(float).tiny) ** 2 - (1.0 - trust) / trust
+    least = np.finfo(float).tiny
+    gain = np.abs(cross / np.maximum(power, least)) ** 2 - (1.0 - trust) / np.maximum(trust, least)
     sums = np.concatenate([[0.0], np.cumsum(np.where(known, np.maximum(gain, 0.0), 0.0))])
     counts = np.concatenate([[0], np.cumsum(known)])
     after = np.arange(1, trust.size + 1)
