@@ -62,7 +62,7 @@ def with_earlier(result: Result, earlier: Sequence[Result]) -> Result:
         for axis in now.axes
         if (controller := now.controllers.axes.get(axis)) is not None
     }
-    axes = {**now.axes, **{axis: one.loop for axis, one in found.items()}}
+    axes = {**now.axes, **{axis: _begun(axis, one, others) for axis, one in found.items()}}
     return replace(
         result,
         closed_loop=replace(now, axes=axes),
@@ -97,3 +97,9 @@ def _joined(
     if any(usable[place] for place in found.used) or crosses_where_known(found.loop) or found.differ:
         return found
     return Joined(loop)
+
+
+def _begun(axis: str, found: Joined, earlier: Sequence[Result]) -> AxisLoop:
+    """Return the loop of an axis with the controller that the first of its flights had."""
+    first = None if not found.used else earlier[min(found.used)].closed_loop
+    return replace(found.loop, began=None if first is None else first.controllers.axes.get(axis))

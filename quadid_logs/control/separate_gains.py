@@ -10,10 +10,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.control.attitude import Attitude, attitude_of, resonance_db
+from quadid_logs.control.attitude import Attitude, attitude_of, bandwidth_hz, resonance_db
 from quadid_logs.control.gain_paths import GainPaths, gain_paths
 from quadid_logs.control.guard import Case
-from quadid_logs.control.loop import integrators
+from quadid_logs.control.loop import close, integrators
 from quadid_logs.control.margins import POINTS_AT_ONCE, figures_of, unmodelled
 from quadid_logs.control.scaled_loop import N_LIMITS, HeldLoops, Kept, ScaledLoops, spare_of
 from quadid_logs.control.torque_noise import Gusts, Spectrum, gusts_of, lowest_noise_hz, noise_band
@@ -259,9 +259,10 @@ def separate_gains(
     """
     varied, loops = _varied(case), held.loops
     paths = _taken_apart(varied, loops.controller, loops.frequency_hz, rebuild)
-    return (
-        None if paths is None else SeparateGains(varied, paths, held, flown_kept, rebuild, limits, disturbed)
-    )
+    if paths is None:
+        return None
+    began = None if case.found is None else case.found.began
+    return SeparateGains(varied, paths, held, flown_kept, rebuild, limits, disturbed, began)
 
 
 def _varied(case: Case) -> _Varied:
@@ -301,6 +302,7 @@ class SeparateGains:
         rebuild: Rebuild,
         limits: Limits,
         disturbed: Disturbed,
+        began: AxisController | None,
     ) -> None:
         loops = held.loops
         self._varied, self._names, self._now = varied, varied.names, varied.now
@@ -317,18 +319,24 @@ class SeparateGains:
         #: What the search requires, over that: gains in a file are rounded.
         self._aim = 1.0
         self._highest = _BOUNDS[1]
+        self._integral = 1.0
         self._noise = _Noise(disturbed, loops)
         self._gusts = _gusts(disturbed, loops.plants.at(slice(0, 1)), loops.frequency_hz)
         self._enough = Kept(*(min(1.0 - 2.0 * _ROUNDING, one) for one in flown_kept))
         crossover = loops.first(1).margins().rate.crossover_hz
         self._above = loops.frequency_hz >= (0.0 if crossover is None else crossover.value)
         self._flown = dict.fromkeys(self._now, 1.0)
+        if crossover is not None:
+            self._integral = self._most_integral()
         flown_answers = paths.at(_sets(self._flown))
         self._flown_whole = flown_answers[0, 0] + flown_answers[0, 1]
         self._flown_answer = np.abs(self._flown_whole[self._above])
         # No pilot wants a vehicle that follows more slowly, as gusts alone would have it.
         flown_loop = self._loop(flown_answers)
         self._flown_hz = float(self._attitude(flown_loop).bandwidth_hz[0])
+        if began is not None:
+            # What steps on the way made faster is no wish of the pilot's.
+            self._flown_hz = min(self._flown_hz, _bandwidth_hz(began, loops))
         self._flown_error_rad = float(self._gusts.attitude_rad(flown_loop.whole)[0])
 
     def anew(self) -> SeparateGains:
@@ -487,7 +495,19 @@ class SeparateGains:
 
     def _most(self, name: str) -> float:
         """Return the largest factor on a gain that is searched, or that the firmware documents."""
-        return min(self._highest, self._varied.highest(name))
+        highest = max(self._highest, self._integral) if name == self._names.integral else self._highest
+        return min(highest, self._varied.highest(name))
+
+    def _most_integral(self) -> float:
+        """Return the factor at which the integral answers as much as P at the crossover.
+
+        It holds what is slower, where its gain may be far from what a loop bears.
+        """
+        own = [name for name in (self._names.proportional, self._names.integral) if name in self._now]
+        place, flown = int(np.argmax(self._above)), self._paths.at(_sets(self._flown))[0, 0]
+        twice = (self._paths.at(_sets({**self._flown, name: 2.0}))[0, 0] for name in own)
+        answers = [float(np.abs(one - flown)[place]) for one in twice]
+        return answers[0] / answers[1] if len(answers) > 1 and answers[1] > 0.0 else 1.0
 
     def _search(
         self, begins: list[dict[str, float]], bounds: _Bounds, most_up: float, *, rough: bool = False
@@ -1105,6 +1125,13 @@ def _towards(target: Mapping[str, float], part: float) -> dict[str, float]:
 def _sets(factors: Mapping[str, float]) -> dict[str, FloatArray]:
     """Return one set of factors as the first of several."""
     return {name: np.array([factor]) for name, factor in factors.items()}
+
+
+def _bandwidth_hz(controller: AxisController, loops: ScaledLoops) -> float:
+    """Return the bandwidth of the estimate's attitude with another controller [Hz]."""
+    loop = close(controller, loops.plants.at(slice(0, 1)), loops.frequency_hz)
+    follows = loop.target_to_rate if loop.full is None else (loop.full - loop.rate) / (1.0 + loop.full)
+    return float(bandwidth_hz(loops.frequency_hz, follows)[0])
 
 
 def _gusts(disturbed: Disturbed, estimate: Plant, frequency_hz: FloatArray) -> Gusts:

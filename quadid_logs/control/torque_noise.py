@@ -22,6 +22,9 @@ _ABOVE: Final = 1.5
 _ABOVE_FLIGHT_HZ: Final = 15.0
 #: Gusts that are slower tilt a vehicle that its pilot holds anyway [Hz].
 _SLOWEST_GUST_HZ: Final = 0.05
+#: Power of the frequency that the density of what disturbs a hovering vehicle falls with: of two research
+#: vehicles indoors, between 0.1 and 10 Hz.
+_GUST_SLOPE: Final = -0.8
 _N_GUSTS: Final = 120
 
 
@@ -237,8 +240,12 @@ def gusts_of(
     known = (spectrum.frequency_hz >= low_hz) & (spectrum.frequency_hz <= high_hz)
     if not known.any():
         return None
-    # Below what is known, as strong as at its edge: gusts have no less power there.
-    density = np.interp(frequency_hz, spectrum.frequency_hz[known], spectrum.density[known])
+    known_hz, told = spectrum.frequency_hz[known], spectrum.density[known]
+    density = np.interp(frequency_hz, known_hz, told)
+    # Below what is known, stronger as those of flown vehicles are; a single line at the edge tells no level.
+    edge, below = known_hz <= 2.0 * known_hz[0], frequency_hz < known_hz[0]
+    level = float(np.mean(told[edge] * known_hz[edge] ** -_GUST_SLOPE))
+    density[below] = level * frequency_hz[below] ** _GUST_SLOPE
     s = 2j * np.pi * frequency_hz
     inside = (frequency_hz >= _SLOWEST_GUST_HZ) & (frequency_hz <= high_hz)
     power = np.where(inside, density / np.abs(s * (s - plant.damping[0])) ** 2, 0.0)

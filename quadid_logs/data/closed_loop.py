@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quadid_logs.arrays import BoolArray, FloatArray, IntArray
-from quadid_logs.data.controller import FlownControllers, Replay
+from quadid_logs.data.controller import AxisController, FlownControllers, Replay
 from quadid_logs.numerals import estimate
 
 if TYPE_CHECKING:
@@ -387,6 +387,7 @@ class AxisLoop:
     ``known_hz`` is the highest frequency at which measurements support the model [Hz]. ``plants`` holds the
     estimate, then the plant samples that the intervals are computed from. ``by_earlier`` means that the
     flight does not identify the axis: the plants are those of earlier flights, which it does not contradict.
+    ``began`` is the controller of the first of the earlier flights that tell of the axis.
     """
 
     replay: Replay | None = None
@@ -401,6 +402,7 @@ class AxisLoop:
     frame: FrameModes | None = None
     plants: Plant | None = None
     by_earlier: bool = False
+    began: AxisController | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
