@@ -437,6 +437,13 @@ def test_the_attitude_follows_as_fast_as_it_did(apart: AxisTuning) -> None:
     assert bandwidths[1] >= 0.99 * bandwidths[0]
 
 
+def test_an_integral_that_is_far_too_small_rises_by_more_than_four_times() -> None:
+    """It holds what is slower than the crossover: there, its gain is bounded by margins alone."""
+    low = flown("ardupilot").log.parameters[ROLL[1]] / 16.0
+    found = recommend(detuned(1.0, **{ROLL[1]: low}), GOOD, ["roll"], ranges=AS_FLOWN).axes["roll"]
+    assert found.gains[ROLL[1]].target > 4.0 * low
+
+
 def test_gains_one_by_one_reject_gusts_better_than_one_factor(raised: Tuning, apart: AxisTuning) -> None:
     """Or one factor is recommended."""
     errors = [

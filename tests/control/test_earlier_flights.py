@@ -113,6 +113,19 @@ def test_an_axis_that_an_earlier_flight_contradicts_is_not_tuned() -> None:
     assert [one.code for one in recommend(both, axes=["roll"]).axes["roll"].reasons] == ["QL626"]
 
 
+def test_the_controller_of_the_first_flight_stays_known() -> None:
+    """With it the pilot came: what steps on the way made faster is no wish."""
+    second = calmer(flown("ardupilot"))
+    loop = second.closed_loop
+    assert loop is not None
+    other = replace(loop.controllers.axes["roll"])
+    controllers = replace(loop.controllers, axes={**loop.controllers.axes, "roll": other})
+    first = replace(second, closed_loop=replace(loop, controllers=controllers))
+    both = with_earlier(flown("ardupilot"), [first, second]).closed_loop
+    assert both is not None
+    assert both.axes["roll"].began is other
+
+
 def test_the_same_log_again_adds_nothing() -> None:
     result = flown("ardupilot")
     assert with_earlier(result, [result]) is result
