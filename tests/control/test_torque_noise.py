@@ -12,7 +12,7 @@ FREQUENCY_HZ = np.geomspace(0.1, 5.0, 200)
 
 
 def lines_hz(apart_hz: float) -> FloatArray:
-    return np.arange(1.0, 5.0 / apart_hz + 1.0) * apart_hz
+    return np.asarray(np.arange(1.0, 5.0 / apart_hz + 1.0) * apart_hz, dtype=np.float64)
 
 
 def flown(frequency_hz: FloatArray) -> FloatArray:
