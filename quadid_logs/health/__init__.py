@@ -134,7 +134,7 @@ def health_of(prepared: Prepared, data: FlightData) -> Health:
     found: dict[str, Any] = {
         "tracking": None
         if rate is None or followed is None
-        else find_tracking(rate, followed, intervals, lags, of="rates"),
+        else find_tracking(rate, followed, intervals, lags, of="rates", undisturbed=undisturbed),
         "attitude": None
         if angle is None or asked_angle is None
         else find_tracking(

@@ -12,6 +12,7 @@ from quadid_logs.align.series import GAP_PERIODS, CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray, runs
 from quadid_logs.data.health import AxisTracking, Level, Quantity, Tracking
 from quadid_logs.health.records import in_flight, records
+from quadid_logs.maths.intervals import inside
 from quadid_logs.maths.rotations import unwrapped
 from quadid_logs.numerals import number
 from quadid_logs.sentences import listed
@@ -37,6 +38,7 @@ def find_tracking(
     lags: Mapping[str, Quantity],
     *,
     of: str,
+    undisturbed: Sequence[Interval] | None = None,
 ) -> Tracking | None:
     """Compare set-points with what was flown.
 
@@ -50,6 +52,8 @@ def find_tracking(
         By axis, where the flight tells.
     of : {"rates", "angles"}
         Angles are compared modulo a turn.
+    undisturbed : sequence of (start_s, end_s), optional
+        Where no system-ID mode moves the vehicle past its set-points; all of the flight by default.
 
     Returns
     -------
@@ -80,7 +84,7 @@ def find_tracking(
             lag=lags.get(axis),
         )
     if not angles:
-        return _rates(axes, time_s, values)
+        return _rates(axes, time_s, values, intervals if undisturbed is None else undisturbed)
     # For how much of the flight roll or pitch stays off what was asked, by how much.
     worst = np.maximum.reduce(distances[:_TILTING])
     if not np.ptp(values[:, :_TILTING], axis=0).any():
@@ -127,13 +131,18 @@ def _fixed(largest_rad: float) -> str:
     )
 
 
-def _rates(axes: Mapping[str, AxisTracking], time_s: FloatArray, values: FloatArray) -> Tracking:
+def _rates(
+    axes: Mapping[str, AxisTracking],
+    time_s: FloatArray,
+    values: FloatArray,
+    undisturbed: Sequence[Interval],
+) -> Tracking:
     """Judge rates by how much they miss, and whether one turned against its set-point."""
     little = [
         axis for axis, one in axes.items() if not 2.0 * one.error_rms.value**2 < one.setpoint_rms.value**2
     ]
     beyond = [axis for axis in little if not axes[axis].error_rms.value < axes[axis].setpoint_rms.value]
-    against = {axis: told for axis in beyond if (told := _against(axis, time_s, values))}
+    against = {axis: told for axis in beyond if (told := _against(axis, time_s, values, undisturbed))}
     judged = list(against.values())
     missing = [axis for axis in beyond or little if axis not in against]
     if missing:
@@ -152,17 +161,18 @@ def _rates(axes: Mapping[str, AxisTracking], time_s: FloatArray, values: FloatAr
     return Tracking(
         sentence=" ".join([_sentence(axes, "rates"), *judged]),
         level="severe" if against else "fact",
+        findings=("QL437",) if against else (),
         axes=axes,
         judged=True,
     )
 
 
-def _against(axis: str, time_s: FloatArray, values: FloatArray) -> str:
+def _against(axis: str, time_s: FloatArray, values: FloatArray, undisturbed: Sequence[Interval]) -> str:
     """Say when an axis turned furthest against its set-point; "" where it only was late or was pushed."""
     asked, flown = values[:, AXES.index(axis)], values[:, len(AXES) + AXES.index(axis)]
     step_s = float(np.median(np.diff(time_s)))
     furthest, told = _AGAINST_RAD, ""
-    for first, after in _unbroken(time_s, asked * flown < 0.0, step_s):
+    for first, after in _unbroken(time_s, (asked * flown < 0.0) & inside(time_s, undisturbed), step_s):
         length_s = float(time_s[after - 1] - time_s[first]) + step_s
         turned = float(np.abs(flown[first:after].mean())) * length_s
         if length_s > _LATE_S and turned > furthest:

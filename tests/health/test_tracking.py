@@ -366,6 +366,13 @@ def test_an_axis_that_turns_against_its_set_points_is_told_with_time_and_angle()
     assert found.level == "severe"
     assert "From 40.0 s on, yaw turned against its set-points for 6.0 s, at 57 deg/s" in found.sentence
     assert "Yaw miss" not in found.sentence
+    assert found.findings == ("QL437",)
+    # A system-ID mode moves a vehicle past its set-points.
+    free = ((t[0], 39.0), (47.0, t[-1]))
+    swept = find_tracking(rate, setpoint, ((t[0], t[-1]),), {}, of="rates", undisturbed=free)
+    assert swept is not None
+    assert not swept.findings
+    assert "Yaw misses" in swept.sentence
 
 
 @pytest.mark.parametrize(("pushed_rad_s", "for_s"), [(2.0, 0.5), (0.3, 2.0)])
