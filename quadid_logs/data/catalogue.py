@@ -387,8 +387,9 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The vehicle turned one way while the rate controller asked for the other way, for longer "
                 "than a loop may be late and by more than 45 degrees. The motors could not give the torque "
                 "that this axis needs, or turned it the wrong way.",
-                "Do not fly before you know why. For yaw, check that no motor and no arm is twisted, and how "
-                "each motor turns. For roll and pitch, check motors, propellers and the load.",
+                "Do not fly before you know why an axis turned against its set-points. For yaw, check that "
+                "no motor and no arm is twisted, and how each motor turns. For roll and pitch, check motors, "
+                "propellers and the load.",
                 scope="vehicle",
             ),
             _entry(
