@@ -97,7 +97,8 @@ def flown(kind: str, seed: int, seconds: tuple[float, float]) -> dict[str, Any]:
             for one in rotors.faults
         ]
     )
-    found += [] if vibration is None else [{"code": code, "rotor": 0} for code in vibration.findings]
+    for topic in (vibration, health.tracking):
+        found += [] if topic is None else [{"code": code, "rotor": 0} for code in topic.findings]
     return {
         "kind": kind, "seed": seed, "autopilot": autopilot, "flight": name, "rotor": rotor,
         "duration_s": duration_s, "found": found,
