@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from quadid_logs.maths.normal import NORMAL_95
 from study.summary import flights_interval
@@ -151,6 +150,8 @@ def draw_margins(table: pd.DataFrame, path: Path) -> None:
     path : Path
         Of the PNG.
     """
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(11.0, 8.4), layout="constrained")
     axes = figure.subplots(2, 2)
     told = table[table["told"]]

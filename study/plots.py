@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from quadid_logs.maths.normal import NORMAL_95
 from study.summary import PROMISE, binomial_interval, grouped, without_structural
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _SHOWN: Final = (
     "on-axis effectiveness",
@@ -49,6 +51,8 @@ def draw_plots(table: pd.DataFrame, verdicts: pd.DataFrame, folder: Path) -> Non
 
 def _verdicts(verdicts: pd.DataFrame) -> Figure:
     """Draw what the axes were called, by structural effect; red is usable and wrong."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(10.0, 0.9 + 0.32 * len(verdicts)), layout="constrained")
     axis = figure.subplots()
     names = [f"{row.effect} ({row.flights} flights)" for row in verdicts.itertuples()]
@@ -71,6 +75,8 @@ def _verdicts(verdicts: pd.DataFrame) -> Figure:
 
 def _histograms(claimed: pd.DataFrame) -> Figure:
     """Error in standard deviations against the normal distribution that the intervals claim."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(10.0, 5.6), layout="constrained")
     axes = figure.subplots(2, 3, sharex=True)
     edges = np.linspace(-5.0, 5.0, 41)
@@ -90,6 +96,8 @@ def _histograms(claimed: pd.DataFrame) -> Figure:
 
 def _groups(claimed: pd.DataFrame) -> Figure:
     """Coverage of on-axis effectiveness and damping by what flights differ in, with binomial intervals."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(13.0, 3.8), layout="constrained")
     axes = figure.subplots(1, len(_BY), sharey=True)
     for axis, (column, label) in zip(axes, _BY.items(), strict=True):

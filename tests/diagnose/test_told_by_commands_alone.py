@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.data.diagnosis import Finding
+from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Identification, SpectralFit
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.diagnose.model_findings import find_in_models
@@ -24,13 +25,18 @@ FIT = SpectralFit(
     n_blocks=20,
     half_width=12.0,
 )
-DATA = fly(QUAD, multisine(30.0), feedback=8.0)
 
 
 @pytest.fixture(scope="module")
-def good() -> Identification:
-    """A flight that a fit in time explains: nothing else speaks against its pitch."""
-    return identify(DATA, IdentifySettings())
+def data() -> FlightData:
+    """A flight that a fit in time explains."""
+    return fly(QUAD, multisine(30.0), feedback=8.0)
+
+
+@pytest.fixture(scope="module")
+def good(data: FlightData) -> Identification:
+    """Its identification: nothing else speaks against its pitch."""
+    return identify(data, IdentifySettings())
 
 
 def errors(good: Identification, **pitch: object) -> list[Finding]:
@@ -69,13 +75,13 @@ def test_an_answer_that_one_equation_does_not_explain_is_refused(good: Identific
 
 @pytest.mark.parametrize(("alone", "told"), [((1,), (1,)), ((), ())])
 def test_a_refused_number_is_that_of_the_commands_where_these_tell_alone(
-    good: Identification, alone: tuple[int, ...], told: tuple[int, ...]
+    data: FlightData, good: Identification, alone: tuple[int, ...], told: tuple[int, ...]
 ) -> None:
     """Known to 40 %: too wide to use, and the only number that the reason speaks of."""
     wide = (replace(FIT, half_width=40.0),) * 3
     asked = _BySpectra(plain=wide, fits=wide)
     model = good.models[0]
-    assert _told_by_spectra(asked, DATA, model, good.excitation, None, alone) == told
+    assert _told_by_spectra(asked, data, model, good.excitation, None, alone) == told
 
 
 def test_an_axis_of_which_commands_leave_everything_open_is_refused_for_that(good: Identification) -> None:
