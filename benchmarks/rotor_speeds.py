@@ -6,7 +6,9 @@ no limit stand between them. `analyze` takes thrust curve and lag from these spe
 outputs. Two slopes make the effectiveness here:
 
 - acceleration over the torque by squared speeds, by set-points (1 to 12 Hz), with the delay taken off;
-- the torque by squared speeds over the commanded one, behind the lag and delay that explain it best.
+- the torque by squared speeds over the one by the squares of commanded speeds, behind the lags (upwards and
+  downwards) and the delay that explain it best. A lag of the torque would not do: of large changes, speeds
+  that lag make less of a torque than the same lag of the torque would.
 
 Use: python -m benchmarks.rotor_speeds LOG... prints a row of a table for each axis. The logs of
 docs/accuracy.md are public; none is in this repository.
@@ -18,7 +20,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from scipy import signal
+from scipy import optimize, signal
 
 from quadid_logs.align import cut
 from quadid_logs.arrays import FloatArray
@@ -26,14 +28,14 @@ from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.settings import Settings
 from quadid_logs.diagnose import diagnose
 from quadid_logs.identify import identify
+from quadid_logs.identify.rotors import Rotors, lagged_speeds
 from quadid_logs.load import load
-from quadid_logs.maths.recurrence import lag
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 BAND_HZ = (1.0, 12.0)
 WINDOW_S = 2.0
-LAGS_S = np.arange(0.004, 0.08, 0.002)
-DELAYS_S = np.arange(0.0, 0.008, 0.001)
+#: Where the search for lag upwards [s], that downwards over it, and delay [s] begins.
+START = np.array([np.log(0.03), np.log(1.2), 0.003])
 AGES_S = np.arange(-0.006, 0.012, 0.0005)
 
 
@@ -45,9 +47,33 @@ def by_speeds(segment: Segment, mixing: FloatArray, speed: FloatArray, axis: int
         segment.body_rate_rad_s[:, axis],
         segment.reference[:, axis],
     )
-    return _per_torque(target, torque, rate, period_s) * _per_command(
-        torque, segment.torque[:, axis], period_s
-    )
+    return _per_torque(target, torque, rate, period_s) * _per_command(segment, mixing[axis], torque, period_s)
+
+
+def _per_command(segment: Segment, mixing: FloatArray, torque: FloatArray, period_s: float) -> float:
+    """Return a torque by speeds over the commanded one, behind the lags and delay that explain it best."""
+    assert segment.rotor_thrust is not None
+    b, a = signal.butter(2, BAND_HZ, "band", fs=1.0 / period_s)
+    flown = signal.filtfilt(b, a, torque)
+    time_s = period_s * np.arange(len(torque))
+    wanted = np.sqrt(np.maximum(segment.rotor_thrust, 0.0))
+
+    def given(at: FloatArray) -> FloatArray:
+        up_s, ratio = np.exp(np.clip(at[:2], np.log([0.003, 0.2]), np.log([0.3, 5.0])))
+        late = np.column_stack([np.interp(time_s - at[2], time_s, each) for each in wanted.T])
+        speeds = lagged_speeds(late, period_s, Rotors(up_s, ratio * up_s))
+        return np.asarray(signal.filtfilt(b, a, speeds**2 @ mixing))
+
+    def slope(torque: FloatArray) -> float:
+        return float(torque @ flown / (torque @ torque))
+
+    def left(at: FloatArray) -> float:
+        torque = given(at)
+        return float(np.sum((flown - slope(torque) * torque) ** 2))
+
+    steps = START + np.vstack([np.zeros(3), np.diag([0.3, 0.3, 0.002])])
+    found = optimize.minimize(left, START, method="Nelder-Mead", options={"initial_simplex": steps})
+    return slope(given(found.x))
 
 
 def _per_torque(target: FloatArray, torque: FloatArray, rate: FloatArray, period_s: float) -> float:
@@ -62,21 +88,6 @@ def _per_torque(target: FloatArray, torque: FloatArray, rate: FloatArray, period
     weight = (coherence / (1.001 - coherence))[used]
     ahead = np.exp(2j * np.pi * np.outer(AGES_S, hz))
     return float(np.max((ahead * response).real @ weight) / weight.sum())
-
-
-def _per_command(torque: FloatArray, command: FloatArray, period_s: float) -> float:
-    """Return the torque by speeds over the commanded one, behind the lag and delay that explain it best."""
-    b, a = signal.butter(2, BAND_HZ, "band", fs=1.0 / period_s)
-    flown = signal.filtfilt(b, a, torque)
-    time_s = period_s * np.arange(len(command))
-    best = (np.inf, np.nan)
-    for delay_s in DELAYS_S:
-        late = np.interp(time_s - delay_s, time_s, command)
-        for lag_s in LAGS_S:
-            given = signal.filtfilt(b, a, lag(late, period_s, lag_s))
-            slope = float(given @ flown / (given @ given))
-            best = min(best, (float(np.sum((flown - slope * given) ** 2)), slope))
-    return best[1]
 
 
 def rows(path: Path) -> list[str]:

@@ -2,7 +2,7 @@
 
 Rows since the last update become block spectra (`identify.spectral`). Only these blocks are kept, so that an
 update takes the same time after ten minutes as after one. The estimates are provisional: the analysis of the
-whole log after landing decides.
+whole log after landing decides, and knows how rotors answer large torques, which nothing is fitted to here.
 """
 
 from __future__ import annotations

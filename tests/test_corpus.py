@@ -95,7 +95,6 @@ def test_two_flights_in_one_file_are_two_segments(corpus: Path, analyzed: Analyz
 
 #: What each flown log must be told about itself.
 REASONS = {
-    "ac33dev-erle-quadx-RATE50Hz-2015-03-31.bin": {"QL505"},
     "ac34rc2-erlebrain3-quadx-265s.bin": {"QL303"},
     "ac413-quadx-goodprop-hover1.bin": {"QL303"},
     "ac413-quadx-25mmcut-hover1.bin": {"QL303"},
@@ -137,6 +136,14 @@ def test_each_flown_log_is_refused_for_its_own_reason(corpus: Path, analyzed: An
     result = analyzed(corpus / "real" / name)
     assert not result.diagnosis.usable
     assert REASONS[name] <= codes(result)
+
+
+@pytest.mark.thorough
+def test_repeated_stamps_leave_a_caution_on_every_axis(corpus: Path, analyzed: Analyzed) -> None:
+    """50 Hz with a hole of 37 s; a sixth of the stamps is said twice, and the report says that."""
+    result = analyzed(corpus / "real" / "ac33dev-erle-quadx-RATE50Hz-2015-03-31.bin")
+    assert {axis.verdict for axis in result.diagnosis.axes.values()} == {"caution"}
+    assert "QL304" in codes(result)
 
 
 def test_a_gentle_flight_with_moments_in_n_m_is_refused(corpus: Path, analyzed: Analyzed) -> None:

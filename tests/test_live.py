@@ -17,7 +17,7 @@ from quadid_logs.align import cut
 from quadid_logs.containers.tail import LogTail
 from quadid_logs.data.log import Signal
 from quadid_logs.data.settings import AlignSettings
-from quadid_logs.identify.spectral import solve_flight
+from quadid_logs.identify.spectral import fit_spectra, flight_spectra
 from quadid_logs.identify.spectral_effects import fit_by_spectra
 from quadid_logs.live import LiveAxis, LiveEstimate, LiveFigures, figure_block, figure_line, notes
 from quadid_logs.load import load
@@ -65,9 +65,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_at_the_end_the_figures_are_those_of_the_whole_flight(name: str) -> None:
     """The same estimator on the same blocks; angles that are put back begin anew with each tail."""
     figures = flown((SAMPLES / name).read_bytes())[-1]
-    whole = solve_flight(cut(load(SAMPLES / name), AlignSettings()))
-    assert whole is not None
-    for axis, fit in zip(figures.axes, whole.fits, strict=True):
+    data = cut(load(SAMPLES / name), AlignSettings())
+    spectra = flight_spectra(data)
+    assert spectra is not None
+    for axis, fit in zip(figures.axes, fit_spectra(spectra, data.gyro_filter), strict=True):
         assert axis.effectiveness == pytest.approx(fit.gain, rel=0.005)
         assert axis.half_width == pytest.approx(fit.half_width / fit.gain, rel=0.05)
 

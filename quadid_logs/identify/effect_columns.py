@@ -410,15 +410,18 @@ def _late(
 ) -> FloatArray:
     """Return what rotors take from a torque that slow down later than they speed up; shape (n, 3).
 
-    Speed follows with the lag T/(1 + a) upwards and T/(1 - a) downwards. What that adds to a thrust behind
-    the lag T has no sign: of two rotors that a torque moves against each other it cancels where both lack as
-    much.
+    Speed follows with the lag T/(1 + a) upwards and T/(1 - a) downwards, and would follow with T both ways.
+    What that adds to a thrust has no sign: of two rotors that a torque moves against each other it cancels
+    where both lack as much.
     """
     per_thrust, by_torque = mixing
     thrust = np.maximum(torque @ by_torque.T + lift, 0.0)
     lag_s = 2.0 / (1.0 / rotors.up_s + 1.0 / rotors.down_s)
-    change, _ = beside_linear_lag(thrust, np.sqrt(thrust), period_s, rotors, lag_s)
-    return np.asarray(-change @ per_thrust.T)
+    even, late = (
+        beside_linear_lag(thrust, np.sqrt(thrust), period_s, each, lag_s)[0]
+        for each in (Rotors(lag_s, lag_s), rotors)
+    )
+    return np.asarray((even - late) @ per_thrust.T)
 
 
 def _mixing(described: InputDescription | None) -> tuple[FloatArray, FloatArray]:

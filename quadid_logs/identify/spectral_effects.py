@@ -33,6 +33,7 @@ from quadid_logs.identify.spectral import (
     around,
     by_coordinates,
     few_blocks,
+    figures_by_coordinates,
     fit_axes,
     moment_noise,
     shared,
@@ -121,11 +122,11 @@ def average_over_effects(solution: SpectralSolution, data: FlightData) -> tuple[
         tried = [*columns, *variation_columns(signals, error, explained)]
         found = [equations.with_one_more(each) for each in tried if equations.allows(each)]
         likely = _probabilities(found)
-        # The likeliest level of the likeliest effect that the flight shows, if it shows one.
+        # The likeliest level of the likeliest effect that an axis shows, of its own or of all axes together.
         best, chance = None, _SHOWN
-        for kind, axes in {(each.column.kind, each.column.axes) for each in found}:
+        for kind, shows in {(each.column.kind, number) for each in found for number in each.column.axes}:
             levels = [
-                k for k, each in enumerate(found) if (each.column.kind, each.column.axes) == (kind, axes)
+                k for k, each in enumerate(found) if each.column.kind == kind and shows in each.column.axes
             ]
             if likely[levels].sum() > chance:
                 chance = float(likely[levels].sum())
@@ -147,8 +148,8 @@ def average_over_effects(solution: SpectralSolution, data: FlightData) -> tuple[
 
 def _beside(without: SpectralFit, fit: SpectralFit) -> SpectralFit:
     """Return an estimate with what the form of its effects leaves open, and by how much they move it."""
-    shift = fit.gain / without.gain - 1.0 if fit.effects and without.gain else 0.0
-    form = _FORM * (fit.gain - without.gain) if fit.effects else 0.0
+    shift = fit.gain / without.gain - 1.0 if without.gain else 0.0
+    form = _FORM * (fit.gain - without.gain)
     covariance = fit.covariance.copy()
     covariance[0, 0] += (form / NORMAL_95) ** 2
     half_width = float(np.hypot(fit.half_width, form))
@@ -352,13 +353,18 @@ class _Equations:
         whole = np.asarray(np.linalg.pinv(self.base.normal, hermitian=True), dtype=np.float64)
         of_shown = whole[self.n_known :, self.n_known :]
         covariance = (self._covariance + by_shown @ of_shown @ by_shown.T)[np.ix_(own, own)]
+        moved = np.zeros(own.size)
         for chance, each in zip(likely.tolist(), found, strict=True):
             if axis.number in each.column.axes:
                 by_effect = np.outer(each.moved[own], each.moved[own])
                 covariance = covariance + chance * (each.mean**2 + each.variance) * by_effect
+                moved = moved + chance * each.mean * each.moved[own]
+        # The law of total variance: around the mean over all effects, and not around none.
+        covariance = covariance - np.outer(moved, moved)
         fit, gain = self.fits[axis.number], float(self.theta[place][0])
-        spread, half_width = spread_and_half_width(axis, gain, self.actuator, covariance)
-        return replace(fit, covariance=spread, half_width=half_width)
+        mean = fit.mean + figures_by_coordinates(axis.number, gain, self.actuator) @ moved
+        spread, half_width = spread_and_half_width(axis, float(mean[0]), self.actuator, covariance)
+        return replace(fit, mean=mean, covariance=spread, half_width=half_width)
 
     def _scale(self, column: EffectColumn) -> float:
         """Return the square of what one unit of a coefficient is: of lost torque, the mean effectiveness."""
