@@ -124,7 +124,8 @@ def average_over_effects(solution: SpectralSolution, data: FlightData) -> tuple[
         likely = _probabilities(found)
         # The likeliest level of the likeliest effect that an axis shows, of its own or of all axes together.
         best, chance = None, _SHOWN
-        for kind, shows in {(each.column.kind, number) for each in found for number in each.column.axes}:
+        kinds = dict.fromkeys((each.column.kind, number) for each in found for number in each.column.axes)
+        for kind, shows in kinds:
             levels = [
                 k for k, each in enumerate(found) if each.column.kind == kind and shows in each.column.axes
             ]
