@@ -207,6 +207,19 @@ def test_what_a_flight_leaves_open_widens_the_interval() -> None:
     assert all(averaged[axis].half_width > 1.02 * plain[axis].half_width for axis in (0, 1))
 
 
+def test_what_a_flight_leaves_open_moves_the_effectiveness_by_what_it_makes_on_the_mean() -> None:
+    """A dead zone that air hides: it is not called found, and takes the effectiveness half of the way."""
+    data = _fly(1, _dead, gusts=3.0)
+    solution = solve_flight(data)
+    assert solution is not None
+    told = average_over_effects(solution, data)
+    for axis in (0, 1):
+        before, after = (fits[axis].gain / GAIN[axis] - 1.0 for fits in (solution.fits, told))
+        assert not told[axis].effects
+        assert before < 0.0
+        assert 0.7 * before < after < 0.2 * before
+
+
 @pytest.mark.parametrize(
     ("loss", "names"),
     [
