@@ -384,7 +384,7 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
             _entry(
                 "QL437",
                 "An axis turned against its set-points",
-                "The vehicle turned one way while the rate controller asked for the other way, for longer "
+                "The vehicle turned one way while the rate controller commanded the other way, for longer "
                 "than a loop may be late and by more than 45 degrees. The motors could not give the torque "
                 "that this axis needs, or turned it the wrong way.",
                 "Do not fly before you know why an axis turned against its set-points. For yaw, check that "
