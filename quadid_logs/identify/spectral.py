@@ -204,10 +204,14 @@ def solve_flight(data: FlightData) -> SpectralSolution | None:
         n_laws=_laws(data).size,
     )
     solution = solve(spectra)
-    for _ in range(_ROTOR_ROUNDS if rotors_known(data) else 0):
-        lag_s = 0.0 if solution is None else solution.actuator.lag_s
-        change = None if solution is None else _by_lag_of_rotors(records, data, lag_s)
-        if solution is None or change is None:
+    if not rotors_known(data):
+        return solution
+    for _ in range(_ROTOR_ROUNDS):
+        if solution is None:
+            break
+        lag_s = solution.actuator.lag_s
+        change = _by_lag_of_rotors(records, data, lag_s)
+        if change is None:
             break
         values, by_slope = spectra.values.copy(), spectra.by_slope.copy()
         for each, added in ((values, change.values), (by_slope, change.by_slope)):
@@ -217,7 +221,7 @@ def solve_flight(data: FlightData) -> SpectralSolution | None:
             start=solution.actuator,
             by_rotors=_accelerations(solution, change),
         )
-        if solution is None or abs(solution.actuator.lag_s - lag_s) < _SAME_LAG * lag_s:
+        if solution is not None and abs(solution.actuator.lag_s - lag_s) < _SAME_LAG * lag_s:
             break
     return solution
 
@@ -244,9 +248,8 @@ def _accelerations(solution: SpectralSolution, torque: BlockSpectra) -> ComplexA
     """Return what torques do to the axes of a solution, shape (n_blocks, n_lines, 3); nothing to others."""
     made = np.zeros_like(torque.values)
     for axis in solution.axes:
-        response, slope = axis.response(solution.actuator)
-        values, by_slope = (each[:, :, axis.number] for each in (torque.values, torque.by_slope))
-        made[:, :, axis.number] = solution.fits[axis.number].gain * (response * values + slope * by_slope)
+        own = (each[:, :, axis.number] for each in (torque.values, torque.by_slope))
+        made[:, :, axis.number] = solution.fits[axis.number].gain * axis.behind(solution.actuator, *own)
     return made
 
 
@@ -621,8 +624,12 @@ class AxisMoments:
 
     def acting(self, actuator: SharedActuator) -> ComplexArray:
         """Return the torque behind an actuator, shape (n_blocks, n_lines)."""
+        return self.behind(actuator, self.torque, self.by_slope)
+
+    def behind(self, actuator: SharedActuator, values: ComplexArray, by_slope: ComplexArray) -> ComplexArray:
+        """Return a torque, (n_blocks, n_lines) as of `BlockSpectra`, behind an actuator."""
         response, slope = self.response(actuator)
-        return np.asarray(response * self.torque + slope * self.by_slope)
+        return np.asarray(response * values + slope * by_slope)
 
     def instrument_behind(self, actuator: SharedActuator) -> None:
         """Take the torque that was commanded behind an actuator for the instrument."""

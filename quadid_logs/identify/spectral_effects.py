@@ -6,7 +6,7 @@ none and what physics allows. What is not linear has an instrument of its own: t
 that was commanded, without what the torque itself holds of it.
 How likely each is follows from its marginal likelihood (Bayesian model averaging: Hoeting, Madigan, Raftery
 and Volinsky, Statistical Science 14, 1999): an effect that the flight shows is taken out, one that it rules
-out costs nothing, and one that it leaves open widens the interval by what it might be.
+out costs nothing, and one that it leaves open moves the mean and widens the interval by what it might be.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ _CUT_OR_ROUNDED = 1.0
 #: The form of an effect is assumed, and others beside it change what it takes: in simulated flights with two
 #: of them by up to about half of it, in 95 of 100.
 _FORM = 0.5
-#: An effect that is at least so likely is taken out; what is less likely widens the interval.
+#: An effect that is at least so likely is taken out; what is less likely moves the mean, and widens the
+#: interval.
 _SHOWN = 0.95
 #: More than three effects at once are not told from each other.
 _MOST_TOGETHER = 3
@@ -454,9 +455,8 @@ class _Equations:
         values, by_slope = (each[:, :, axis.number] for each in (column.values, column.by_slope))
         if not column.of_torque:
             return np.asarray(axis.gyro * values)
-        response, slope = axis.response(self.actuator)
         unit = float(self.theta[place][0]) if len(column.axes) > 1 else 1.0
-        return np.asarray(-unit * (response * values + slope * by_slope))
+        return np.asarray(-unit * axis.behind(self.actuator, values, by_slope))
 
 
 def _positive(mean: float, variance: float) -> tuple[float, float, float]:
