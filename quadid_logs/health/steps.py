@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
@@ -22,6 +23,8 @@ from quadid_logs.vocabulary import AXES
 _WINDOW_S: Final = 2.0
 #: How much of the response is shown, and where it has settled [s].
 _SHOWN_S, _SETTLED_S, _END_S = 0.5, 0.35, 0.65
+#: A response is drawn so many times finer than its samples, for its highest value and its half.
+_FINER: Final = 10
 #: The main lobe of a Hann window [bins]: so far a residual's power is averaged.
 _LOBE: Final = 2
 #: PID-Analyzer's limit of what set-points hold [Hz].
@@ -344,10 +347,13 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
     times = _times(windows)
     # Above 1, not above a loop that follows at once: what that one overshoots lies at frequencies that are
     # not kept, where a real one responds with less.
-    over = float(shown.max()) - 1.0, [float(one.max()) - 1.0 for one in left_out]
-    half_s = _half_time(times, shown)
+    # Both lie between samples: those of 100 Hz are a quarter of a quick rise apart.
+    finer = np.linspace(times[0], times[-1], _FINER * (times.size - 1) + 1)
+    curve, *without = CubicSpline(times, np.vstack([shown, left_out]), axis=1)(finer)
+    over = float(curve.max()) - 1.0, [float(one.max()) - 1.0 for one in without]
+    half_s = _half_time(finer, curve)
     # How fast it rises there [1/s]; slower than over all that is shown it is no rise.
-    rise = max(float(np.interp(half_s, times, np.gradient(shown, times))), 1.0 / _SHOWN_S)
+    rise = max(float(np.interp(half_s, finer, np.gradient(curve, finer))), 1.0 / _SHOWN_S)
     return _Curve(
         shown,
         shown - half,
@@ -356,7 +362,7 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
         float(np.median(half)) <= _OFF,
         # An integrator ends at 1: by how much the response does not, its slow part may be wrong.
         _wider(_with_interval(*over, "1", unseen), abs(end - 1.0)),
-        _with_interval(half_s, [_half_time(times, one) for one in left_out], "s", unseen / rise),
+        _with_interval(half_s, [_half_time(finer, one) for one in without], "s", unseen / rise),
     )
 
 
@@ -379,11 +385,13 @@ def _unseen(windows: _Windows, power: FloatArray, cross: FloatArray, trust: Floa
     # What is not known is as much as where it was known last.
     last = np.maximum.accumulate(np.where(seen > 0, after - 1, -1))
     size = np.where(last >= 0, np.minimum(mean[last], 1.0), 1.0)[1:]
-    # What a sine adds to a sum of samples; of both signs of the frequency.
-    of_step = 1.0 / (windows.n * np.sin(np.pi * np.arange(1, trust.size) / windows.n))
+    # What a sine adds to an integral; of both signs of the frequency.
+    lost = (1.0 - trust[1:]) ** 2 * size / np.arange(1, trust.size) ** 2
+    # A log holds nothing beyond half its rate. There a response falls as the inverse of the frequency or
+    # faster: at first with half the power of the octave below, and a third of what stayed so adds up.
+    beyond = size[-1] / 6.0 / (trust.size - 1)
     neighbours = windows.n * windows.period_s / _SETTLED_S
-    lost = (of_step * (1.0 - trust[1:])) ** 2 * size
-    return float(np.sqrt(0.5 * neighbours * lost.sum()))
+    return float(np.sqrt(0.5 * neighbours * (lost.sum() + beyond)) / np.pi)
 
 
 def _trust(power: FloatArray, residual: FloatArray, n_windows: int) -> FloatArray:
@@ -401,7 +409,10 @@ def _trust(power: FloatArray, residual: FloatArray, n_windows: int) -> FloatArra
 
 def _step(windows: _Windows, power: FloatArray, cross: FloatArray, trust: FloatArray) -> FloatArray:
     """Return the response to a step at the middle of the result, shape (n,)."""
-    impulse = np.fft.irfft(trust * cross / np.maximum(power, np.finfo(float).tiny), windows.n)
+    # Means over a sample add up to the integral of a response; samples of it would add up to more.
+    over_sample = np.sinc(windows.period_s * np.fft.rfftfreq(windows.n, windows.period_s))
+    response = over_sample * trust * cross / np.maximum(power, np.finfo(float).tiny)
+    impulse = np.fft.irfft(response, windows.n)
     return np.asarray(np.cumsum(np.roll(impulse, windows.n // 2)), dtype=np.float64)
 
 

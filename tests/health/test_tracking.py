@@ -43,12 +43,18 @@ def test_the_step_response_of_a_first_order_loop_is_measured() -> None:
 
 
 def second_order(
-    frequency_hz: float, damping: float, lag_s: float, asked_hz: float, noise: float = 0.0, most: float = 9.0
+    frequency_hz: float,
+    damping: float,
+    lag_s: float,
+    asked_hz: float,
+    noise: float = 0.0,
+    most: float = 9.0,
+    rate_hz: float = 400.0,
 ):
     """Return a flight whose loop is of second order, behind set-points that end at `asked_hz`."""
-    t = grid(400.0)
-    asked = np.clip(coloured(1, t.size, 400.0, asked_hz), -most, most)
-    s = 2j * np.pi * np.fft.rfftfreq(t.size, 1.0 / 400.0)
+    t = grid(rate_hz)
+    asked = np.clip(coloured(1, t.size, rate_hz, asked_hz), -most, most)
+    s = 2j * np.pi * np.fft.rfftfreq(t.size, 1.0 / rate_hz)
     w = 2.0 * np.pi * frequency_hz
     response = np.exp(-lag_s * s) * w**2 / (s**2 + 2.0 * damping * w * s + w**2)
     rates = np.fft.irfft(np.fft.rfft(asked, axis=0) * response[:, None], t.size, axis=0)
@@ -121,6 +127,32 @@ def test_a_slow_loop_reaches_half_of_a_step_when_it_does() -> None:
         assert one.steps.half_time.value == pytest.approx(0.0615, abs=0.0015)
 
 
+def test_between_the_samples_of_a_log_a_step_response_is_what_it_is() -> None:
+    """Ten samples a tenth of a second: as the closed form says within 0.1 ms and a quarter of a percent."""
+    damping, w = 0.4, 2.0 * np.pi * 9.0
+    root = np.sqrt(1.0 - damping**2)
+    t = np.arange(0.0, 0.1, 1e-5)
+    step = 1.0 - np.exp(-damping * w * t) * (np.cos(root * w * t) + damping / root * np.sin(root * w * t))
+    for one in find_responses(*second_order(9.0, damping, 0.01, 12.0, rate_hz=100.0)).values():
+        assert one.steps is not None
+        assert one.steps.half_time.value == pytest.approx(0.01 + t[np.argmax(step >= 0.5)], abs=1e-4)
+        assert one.steps.overshoot.value == pytest.approx(step.max() - 1.0, abs=0.0025)
+
+
+def test_what_a_slow_log_cannot_hold_widens_its_step_response() -> None:
+    """Of 50 samples a second, 9 Hz and no noise: half of a step is half a millisecond off, and held."""
+    damping, w = 0.7, 2.0 * np.pi * 9.0
+    root = np.sqrt(1.0 - damping**2)
+    t = np.arange(0.0, 0.1, 1e-5)
+    step = 1.0 - np.exp(-damping * w * t) * (np.cos(root * w * t) + damping / root * np.sin(root * w * t))
+    truth_s = 0.01 + t[np.argmax(step >= 0.5)]
+    for one in find_responses(*second_order(9.0, damping, 0.01, 8.0, rate_hz=50.0)).values():
+        assert one.steps is not None
+        low, high = one.steps.half_time.ci95 or (np.nan, np.nan)
+        assert low <= truth_s <= high
+        assert high - low < 0.002
+
+
 def test_of_three_axes_the_one_that_overshoots_is_named() -> None:
     """ "roll 5 %, pitch 21 %, yaw 5 %, more than the normal 20 %"."""
 
@@ -172,7 +204,8 @@ def test_the_intervals_of_a_step_response_hold_the_truth() -> None:
     over_inside, over_below, half_inside = [], [], []
     for seed in range(60):
         rng = np.random.default_rng(10_000 + seed)
-        rate_hz, flown_s = float(rng.choice([100.0, 250.0, 500.0])), float(rng.choice([30.0, 60.0, 120.0]))
+        rate_hz = float(rng.choice([50.0, 100.0, 250.0, 500.0]))
+        flown_s = float(rng.choice([30.0, 60.0, 120.0]))
         frequency_hz, damping, lag_s = (
             rng.uniform(3.0, 10.0),
             rng.uniform(0.25, 0.9),
@@ -210,7 +243,7 @@ def test_the_intervals_of_a_step_response_hold_the_truth() -> None:
     assert len(over_inside) > 150
     assert np.mean(over_inside) > 0.9
     assert np.mean(over_below) < 0.05
-    assert np.mean(half_inside) > 0.85
+    assert np.mean(half_inside) > 0.9
 
 
 def test_set_points_that_answer_the_rate_tell_no_response() -> None:
