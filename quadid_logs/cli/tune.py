@@ -138,7 +138,7 @@ def tune(
         write_tuning,
     )
     from quadid_logs.report.tune_page import PAGE_FILE
-    from quadid_logs.tuning import autotune_forecasts, recommend, what_if_grids
+    from quadid_logs.tuning import recommend
 
     limits = _limits(gain_margin_db, phase_margin_deg)
     ranges = _ranges(mass_range, density_range, propeller_range)
@@ -159,9 +159,7 @@ def tune(
         result = with_earlier(result, before)
         progress("tune")
         tuning = recommend(result, limits, apart=apart, filters=filters, ranges=ranges)
-        forecasts = autotune_forecasts(result, tuning)
-        grids = what_if_grids(result, tuning)
-        files = tuning_files(result, tuning, provenance, forecasts, grids, folder=folder.name)
+        files = tuning_files(result, tuning, provenance, folder=folder.name)
     removed = write_tuning(folder, files)
     if as_json:
         say(files[JSON_FILE].rstrip("\n"))

@@ -6,10 +6,8 @@ import json
 from collections.abc import Mapping
 from pathlib import Path, PurePath
 
-from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Tuning
-from quadid_logs.data.what_if import WhatIf
 from quadid_logs.diagnose.advice import plannable
 from quadid_logs.errors import OutputError
 from quadid_logs.output import check_folder_free, new_folder, write_together
@@ -22,7 +20,7 @@ from quadid_logs.report.provenance import Provenance
 from quadid_logs.report.tune_card import flight_files
 from quadid_logs.report.tune_page import PAGE_FILE, tune_page
 from quadid_logs.report.tuning_json import tuning_text
-from quadid_logs.tuning import next_loops
+from quadid_logs.tuning import autotune_forecasts, next_loops, what_if_grids
 from quadid_logs.untrusted import printable
 
 JSON_FILE = "tune.json"
@@ -32,8 +30,6 @@ def tuning_files(
     result: Result,
     tuning: Tuning,
     provenance: Provenance,
-    forecasts: Mapping[str, tuple[AutotuneForecast, ...]] | None = None,
-    grids: Mapping[str, WhatIf] | None = None,
     *,
     page: str = PAGE_FILE,
     folder: str = "",
@@ -42,8 +38,6 @@ def tuning_files(
 
     Parameters
     ----------
-    forecasts, grids : mapping, optional
-        As of `tune_page`.
     page : str
         Name of the page.
     folder : str
@@ -53,6 +47,7 @@ def tuning_files(
     promised = promise_of(result, tuning, provenance.log_sha256)
     if promised is not None:
         files[PROMISE_FILE] = promise_text(promised, provenance)
+    forecasts, grids = autotune_forecasts(result, tuning), what_if_grids(result, tuning)
     files[page] = tune_page(result, tuning, provenance, forecasts, grids, next_loops(result, tuning))
     names = tuple(sorted((*files, JSON_FILE)))
     return files | {JSON_FILE: tuning_text(result, tuning, provenance, names, forecasts, folder)}

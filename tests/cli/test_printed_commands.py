@@ -165,8 +165,8 @@ def quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("quadid_logs.pipeline.analyze", once)
         patch.setattr("quadid_logs.planning.predict", lambda *_a: card)
-        patch.setattr("quadid_logs.tuning.autotune_forecasts", lambda *_a: {})
-        patch.setattr("quadid_logs.tuning.what_if_grids", lambda *_a: {})
+        patch.setattr("quadid_logs.report.tune_folder.autotune_forecasts", lambda *_a: {})
+        patch.setattr("quadid_logs.report.tune_folder.what_if_grids", lambda *_a: {})
         # Figures print no command, and `--png all` draws thirty.
         patch.setattr("quadid_logs.figures.png.write_png", lambda *_a: None)
         yield

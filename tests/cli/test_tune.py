@@ -62,8 +62,8 @@ def fly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Path]:
     monkeypatch.setattr("quadid_logs.pipeline.analyze", analyzed)
     monkeypatch.setattr("quadid_logs.tuning.recommend", recommended)
     # What takes long and is on no file but the page.
-    monkeypatch.setattr("quadid_logs.tuning.autotune_forecasts", lambda *_a: {})
-    monkeypatch.setattr("quadid_logs.tuning.what_if_grids", lambda *_a: {})
+    monkeypatch.setattr("quadid_logs.report.tune_folder.autotune_forecasts", lambda *_a: {})
+    monkeypatch.setattr("quadid_logs.report.tune_folder.what_if_grids", lambda *_a: {})
 
     def make(name: str, result: Result) -> Path:
         log = tmp_path / name

@@ -66,17 +66,7 @@ def test_a_question_for_gains_asks_the_earlier_flights(
     now = of_axes(flown("ardupilot"), "roll")
     results = [now, twice_as_effective(now)]
     monkeypatch.setattr(jobs, "_result_of", lambda _job, which, _tell: (None, results[which], {}))
-    job = Job(
-        kind=Kind.TUNE,
-        logs=("a", "b"),
-        names=("a.bin", "b.bin"),
-        numbers=(0, 0),
-        sha256=("0" * 64, "1" * 64),
-        n_bytes=2,
-        options={},
-        folder=str(tmp_path),
-    )
-    do(job, lambda *_: None)
+    do(tune_job(tmp_path, "a", "b"), lambda *_: None)
     (told,) = json.loads((tmp_path / "tune.json").read_text())["earlier"]
     assert told["differ"] == ["roll"]
 
@@ -89,3 +79,26 @@ def twice_as_effective(result: Result) -> Result:
     rows = tuple(replace(one, torque=0.5 * one.torque) for one in result.data.segments)
     axes = {"roll": replace(roll, plants=roll.plants.times(2.0))}
     return replace(result, data=replace(result.data, segments=rows), closed_loop=replace(loop, axes=axes))
+
+
+def test_the_page_of_a_tuning_lets_one_try_other_gains(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As that of the verb does."""
+    now = of_axes(flown("ardupilot"), "roll")
+    monkeypatch.setattr(jobs, "_result_of", lambda *_: (None, now, {}))
+    do(tune_job(tmp_path, "a"), lambda *_: None)
+    assert 'id="what-if-data"' in (tmp_path / "report.html").read_text()
+
+
+def tune_job(folder: Path, *logs: str) -> Job:
+    return Job(
+        kind=Kind.TUNE,
+        logs=logs,
+        names=tuple(f"{log}.bin" for log in logs),
+        numbers=(0,) * len(logs),
+        sha256=tuple(f"{number:064x}" for number in range(len(logs))),
+        n_bytes=2,
+        options={},
+        folder=str(folder),
+    )
