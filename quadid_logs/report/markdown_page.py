@@ -1,43 +1,20 @@
-"""A page out of the few kinds of Markdown that this package writes: one text for terminals and browsers."""
+"""A page out of the Markdown that this package writes: one text for terminals and browsers."""
 
 from __future__ import annotations
 
 import base64
-import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from enum import Enum
-from typing import Final
+from html import escape
+from typing import TYPE_CHECKING, Final
 
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.pages import environment
 
-_IMAGE: Final = re.compile(r"!\[(.*)\]\((.*)\)")
-_NUMBERED: Final = re.compile(r"\d+\. ")
-_LEAD: Final = re.compile(r"\*\*(.+?)\*\* ?(.*)", re.DOTALL)
+if TYPE_CHECKING:
+    from markdown_it.token import Token
 
-
-class Kind(Enum):
-    """What a block of a page is."""
-
-    HEADING = "heading"
-    PARAGRAPH = "paragraph"
-    BULLETS = "bullets"
-    NUMBERS = "numbers"
-    TABLE = "table"
-    IMAGE = "image"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Block:
-    """One block: ``lead`` is set bold before ``text``; ``source`` is a picture as a data address."""
-
-    kind: Kind
-    text: str = ""
-    lead: str = ""
-    items: tuple[str, ...] = ()
-    table: Table | None = None
-    source: str = ""
+#: What our texts are written in. Links are not: a log's texts may hold any.
+_RULES: Final = ("heading", "list", "table", "backticks", "emphasis", "image")
 
 
 def markdown_page(text: str, images: Mapping[str, bytes] | None = None) -> str:
@@ -56,61 +33,56 @@ def markdown_page(text: str, images: Mapping[str, bytes] | None = None) -> str:
     >>> "<h1>Plan</h1>" in page, "<li>a &lt; b</li>" in page
     (True, True)
     """
-    blocks = list(_blocks(text, images or {}))
-    title = blocks.pop(0).text if blocks and blocks[0].kind is Kind.HEADING else "quadid-logs"
-    sections: list[list[Block]] = [[]]
+    from markdown_it import MarkdownIt
+
+    def image(_renderer: object, tokens: list[Token], place: int, _options: object, _env: object) -> str:
+        token = tokens[place]
+        content = (images or {}).get(str(token.attrs["src"]))
+        if content is None:
+            return ""
+        source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
+        name = escape(token.content)
+        return f'<figure><img src="{source}" alt="{name}"><figcaption>{name}</figcaption></figure>'
+
+    parser = MarkdownIt("zero").enable(list(_RULES))
+    parser.add_render_rule("image", image)
+    blocks = list(_blocks(parser.parse(text)))
+    title = "quadid-logs"
+    if blocks and blocks[0][0].tag == "h1":
+        title = blocks.pop(0)[1].content
+    sections: list[list[str | Table]] = [[]]
     for block in blocks:
-        if block.kind is Kind.HEADING and sections[-1]:
+        if block[0].type == "heading_open" and sections[-1]:
             sections.append([])
-        sections[-1].append(block)
-    page: str = environment().get_template("document.html").render(title=title, sections=sections, kinds=Kind)
+        if block[0].type == "table_open":
+            sections[-1].append(_table(block))
+            continue
+        # A figure stands in no paragraph.
+        is_image = [child.type for child in block[1].children or ()] == ["image"]
+        shown = block[1:-1] if is_image else block
+        sections[-1].append(parser.renderer.render(shown, parser.options, {}))
+    page: str = environment().get_template("document.html").render(title=title, sections=sections)
     return page
 
 
-def _blocks(text: str, images: Mapping[str, bytes]) -> Iterator[Block]:
-    """Yield the blocks between empty lines."""
-    for part in re.split(r"\n\s*\n", text.strip()):
-        lines = part.splitlines()
-        image = _IMAGE.fullmatch(part.strip())
-        if image is not None:
-            if image[2] in images:
-                content = base64.b64encode(images[image[2]]).decode("ascii")
-                yield Block(kind=Kind.IMAGE, text=image[1], source=f"data:image/png;base64,{content}")
-        elif lines[0].startswith("#"):
-            yield Block(kind=Kind.HEADING, text=lines[0].lstrip("# "))
-        elif lines[0].startswith("|"):
-            head, _rule, *rows = (
-                [cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines
-            )
-            yield Block(
-                kind=Kind.TABLE,
-                table=Table(
-                    caption="",
-                    head=tuple(head),
-                    rows=tuple(tuple(Cell(text=cell) for cell in row) for row in rows),
-                ),
-            )
-        elif lines[0].startswith("- "):
-            yield Block(kind=Kind.BULLETS, items=tuple(_items(lines, "- ")))
-        elif _NUMBERED.match(lines[0]):
-            yield Block(kind=Kind.NUMBERS, items=tuple(_items(lines, "")))
-        else:
-            lead = _LEAD.fullmatch(part)
-            yield Block(
-                kind=Kind.PARAGRAPH,
-                lead=lead[1] if lead else "",
-                text=" ".join((lead[2] if lead else part).split()),
-            )
+def _blocks(tokens: list[Token]) -> Iterator[list[Token]]:
+    """Yield the tokens of each heading, paragraph, list and table."""
+    block: list[Token] = []
+    for token in tokens:
+        block.append(token)
+        if token.level == 0 and token.nesting <= 0:
+            yield block
+            block = []
 
 
-def _items(lines: list[str], mark: str) -> Iterator[str]:
-    """Yield the items of a list; an indented line goes on with the one before."""
-    item = ""
-    for line in lines:
-        if line.startswith("  ") and item:
-            item += f" {line.strip()}"
-            continue
-        if item:
-            yield item
-        item = line.removeprefix(mark) if mark else _NUMBERED.sub("", line, count=1)
-    yield item
+def _table(tokens: list[Token]) -> Table:
+    """Return a table as every page lays it out."""
+    rows: list[list[str]] = []
+    for token in tokens:
+        if token.type == "tr_open":
+            rows.append([])
+        elif token.type == "inline":
+            rows[-1].append(token.content)
+    head, *others = rows
+    cells = tuple(tuple(Cell(text=text) for text in row) for row in others)
+    return Table(caption="", head=tuple(head), rows=cells)

@@ -79,17 +79,26 @@ def test_markdown_of_ours_becomes_headings_lists_tables_and_pictures() -> None:
         "# Title\n\n## Set\n\n- one\n  and more\n- two\n\n1. first\n2. second\n\n"
         "| | a | b |\n|---|---|---|\n| x | 1 | < 2 |\n\n![A picture](p.png)\n\n**Lead.** And\ntext."
     )
-    page = markdown_page(text, {"p.png": b"\x89PNG"})
+    page = " ".join(markdown_page(text, {"p.png": b"\x89PNG"}).split())
     for part in (
         "<h1>Title</h1>",
         "<h2>Set</h2>",
-        "<li>one and more</li><li>two</li>",
-        "<ol><li>first</li><li>second</li></ol>",
+        "<li>one and more</li> <li>two</li>",
+        "<ol> <li>first</li> <li>second</li> </ol>",
         '<td data-head="b"><span>&lt; 2</span></td>',
         '<img src="data:image/png;base64,iVBORw==" alt="A picture">',
         "<strong>Lead.</strong> And text.",
     ):
         assert part in page
+
+
+def test_markdown_of_a_log_loads_nothing_and_leads_nowhere() -> None:
+    """The model that a plan is made for may be called anything."""
+    page = markdown_page(
+        f"# Plan\n\n{HOSTILE} ![x](https://evil.example/x.png) [y](https://evil.example) <b>"
+    )
+    body = page[page.index("<main>") :]
+    assert not any(mark in body for mark in ("<script", "<img", "<a ", "<b>"))
 
 
 def test_findings_that_refuse_come_first_and_lost_bytes_last(usable: Result) -> None:
