@@ -209,17 +209,6 @@ def quadid_simulate(duration_s: str) -> object:
     return flight
 
 
-def quadid_simulate_many(count: str) -> object:
-    """Ours: so many 60 s flights at 400 Hz at once, for a Monte Carlo study."""
-    from quadid_logs.simulator import find_scenario, fly_many, plan_flights
-
-    scenario = find_scenario("sysid-quad-x")
-    setups = [
-        plan_flights(scenario, seed=seed, duration_s=60.0, rate_hz=400.0)[0] for seed in range(int(count))
-    ]
-    return fly_many(setups)
-
-
 def quadid_analyze(path: str) -> object:
     """Ours: the whole chain without a report."""
     from quadid_logs.pipeline import analyze

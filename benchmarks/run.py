@@ -304,13 +304,10 @@ def _computations(short: bool, repeats: int) -> Iterator[str]:
         (f"{windows} windows of 9x9 (`solve_windows`)", "quadid_windows", "100", windows),
         ("60 s flight simulated, logged at 400 Hz, written as .bin", "quadid_simulate", "15", "60"),
     ]
-    if not short:
-        tasks.append(("200 such flights at once, not written", "quadid_simulate_many", "1", "200"))
     logs = [] if short else [path for path in corpus_logs() if path.suffix.lower() != ".tlog"]
     tasks += [(f"analyze {path.name}, no report", "quadid_analyze", str(path), str(path)) for path in logs]
     for what, action, warm_up, argument in tasks:
-        turns = 1 if action == "quadid_simulate_many" else repeats
-        own = _median([_measure(action, warm_up, argument) for _ in range(turns)])
+        own = _median([_measure(action, warm_up, argument) for _ in range(repeats)])
         yield f"| {what} | {own.seconds:.2f} | {own.cpu_seconds:.2f} | {own.peak_bytes / 1e6:.0f} |"
 
 

@@ -116,7 +116,7 @@ def _figures(promise: Promise, record: Record, truth: dict[str, Any]) -> list[di
         promised = promise.axes[axis].margins
         if promised is None:
             continue
-        true = true_margins(record.setups[0], truth, place)
+        true = true_margins(record.setup, truth, place)
         both = (promised.full, true.full) if promised.full and true.full else (promised.rate, true.rate)
         for name in FIGURES:
             said, really = (getattr(one, name) for one in both)

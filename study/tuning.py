@@ -175,7 +175,7 @@ def setup_of(scenario: Scenario, autopilot: str, factors: FloatArray, seed: int)
 
 def analyzed(record: Record, scenario: Scenario, *, with_health: bool = False) -> Result:
     """Return the analysis of a flight's log; what it shows without a model where that is wanted."""
-    (setup,), log = record.setups, log_flights((record,), scenario.logging)
+    setup, log = record.setup, log_flights((record,), scenario.logging)
     if setup.autopilot == "px4":
         # The simulator reads its gyro once in a loop, and so do loops that wait for it.
         log = dataclasses.replace(log, parameters=log.parameters | waits_for_gyro(setup.loop_hz))
@@ -210,7 +210,7 @@ def true_margins(setup: Setup, truth: dict[str, Any], axis: int) -> LoopMargins:
 
 def _described(record: Record, result: Result, tuning: Tuning) -> dict[str, Any]:
     """Return what one flight was, what it was recommended, and what is true of it."""
-    (setup,) = record.setups
+    setup = record.setup
     truth = flight_truth((record,), scenario="", boot_s=0.0)
     axes = {}
     for number, (axis, found) in enumerate(tuning.axes.items()):

@@ -87,7 +87,7 @@ def vehicle(autopilot: str, axis: int, hold_s: float) -> Plant:
     """Return the true vehicle, as late as it was with the loop that flew it."""
     record = recorded(flyer(autopilot))[0]
     truth = flight_truth((record,), scenario="", boot_s=0.0)
-    setup = record.setups[0]
+    setup = record.setup
     plant = true_plant(setup, truth, axis)
     return plant._replace(delay_s=plant.delay_s + 0.5 * (1.0 / setup.loop_hz - hold_s))
 

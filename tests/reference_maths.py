@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -38,23 +37,23 @@ def integrate_fixed_step(
 
     Parameters
     ----------
-    inertia_kg_m2 : ndarray, shape (3, 3) or (n_flights, 3, 3)
+    inertia_kg_m2 : ndarray, shape (3, 3)
     torque_n_m : callable
-        Torque of shape (..., 3) at a time.
+        Torque of shape (3,) at a time.
     time_s : ndarray, shape (n_samples,)
         Uniform.
-    rate_rad_s : ndarray, shape (..., 3)
+    rate_rad_s : ndarray, shape (3,)
         At the first sample. The attitude starts level.
 
     Returns
     -------
-    rate_rad_s : ndarray, shape (n_samples, ..., 3)
-    quaternion : ndarray, shape (n_samples, ..., 4)
+    rate_rad_s : ndarray, shape (n_samples, 3)
+    quaternion : ndarray, shape (n_samples, 4)
     """
     inertia = inertia_terms(inertia_kg_m2)
     step_s = float(time_s[1] - time_s[0])
     rate = _components(rate_rad_s)
-    attitude: Quadruple = (1.0 + 0.0 * rate[0], 0.0 * rate[0], 0.0 * rate[0], 0.0 * rate[0])
+    attitude: Quadruple = (1.0, 0.0, 0.0, 0.0)
     rates, attitudes = [rate], [attitude]
     end = _components(torque_n_m(float(time_s[0])))
     for time in time_s[:-1].tolist():
@@ -64,18 +63,10 @@ def integrate_fixed_step(
         attitude = step_attitude(attitude, stages, step_s)
         rates.append(rate)
         attitudes.append(attitude)
-    return _stacked(rates), _stacked(attitudes)
+    return np.asarray(rates), np.asarray(attitudes)
 
 
 def _components(vector: FloatArray) -> Triple:
-    """Take a vector of shape (..., 3) apart, into floats where it is a single one."""
-    if vector.ndim == 1:
-        p, q, r = vector.tolist()
-        return p, q, r
-    return vector[..., 0], vector[..., 1], vector[..., 2]
-
-
-def _stacked(history: list[Any]) -> FloatArray:
-    """Put tuples of components back into one array, time first and components last."""
-    values = np.asarray(history, dtype=np.float64)
-    return np.moveaxis(values, 1, -1)
+    """Take a vector apart into floats."""
+    p, q, r = vector.tolist()
+    return p, q, r

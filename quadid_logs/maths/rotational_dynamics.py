@@ -1,8 +1,7 @@
 """The rotating rigid body, eq. (6)-(8) of the source paper, and its integration.
 
 The step functions take the vector components one by one, so that the same
-lines of physics run on floats (one flight, no array overhead) and on arrays
-of one value per flight (many flights at once).
+lines of physics run on floats (a simulated flight, no array overhead) and on arrays.
 """
 
 from __future__ import annotations
@@ -45,12 +44,12 @@ def inertia_terms(inertia_kg_m2: FloatArray) -> InertiaTerms:
 
     Parameters
     ----------
-    inertia_kg_m2 : ndarray, shape (3, 3) or (n_flights, 3, 3)
+    inertia_kg_m2 : ndarray, shape (3, 3)
 
     Returns
     -------
     InertiaTerms
-        Floats, or arrays of shape (n_flights,).
+        Plain floats.
 
     Raises
     ------
@@ -58,14 +57,13 @@ def inertia_terms(inertia_kg_m2: FloatArray) -> InertiaTerms:
         If it is not symmetric and positive definite.
     """
     J = np.asarray(inertia_kg_m2, dtype=np.float64)
-    if J.shape[-2:] != (3, 3) or not np.allclose(J, np.swapaxes(J, -1, -2), rtol=1e-9, atol=0.0):
+    if J.shape != (3, 3) or not np.allclose(J, J.T, rtol=1e-9, atol=0.0):
         raise ShapeError(f"An inertia tensor is symmetric and of shape (3, 3), found {J.tolist()}.")
     if not np.all(np.linalg.eigvalsh(J) > 0.0):
         raise ShapeError(f"An inertia tensor is positive definite, found {J.tolist()}.")
     places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     inverse = np.linalg.inv(J)
-    terms = [tensor[..., i, j] for tensor in (J, inverse) for i, j in places]
-    return InertiaTerms(*[float(term) if term.ndim == 0 else term for term in terms])
+    return InertiaTerms(*[float(tensor[i, j]) for tensor in (J, inverse) for i, j in places])
 
 
 def euler_equation(

@@ -2,7 +2,7 @@
 
 A quaternion (w, x, y, z) turns body (FRD) into Earth (NED) vectors. Arrays
 carry the components on the last axis; `quaternion_rate` takes them one by one,
-so that it works on floats (one flight) and on arrays (many flights) alike.
+so that it works on floats and on arrays alike.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ TILT_MEMORY_S: Final = 15.0
 _TILT_STEP_S = 0.02
 
 Component: TypeAlias = Any
-"""A float, or an ndarray of one value per flight."""
+"""A float or an ndarray."""
 
 
 def unwrapped(angles_rad: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.data.vehicle import Vehicle
 from quadid_logs.errors import SimulationError
 from quadid_logs.simulator.airframes import adapted
-from quadid_logs.simulator.closed_loop import Record, Schedule, Setup, fly, fly_many
+from quadid_logs.simulator.closed_loop import Record, Schedule, Setup, fly
 from quadid_logs.simulator.damage import Damage, damage_bytes
 from quadid_logs.simulator.logger import log_flights
 from quadid_logs.simulator.scenarios import SCENARIOS, Scenario
@@ -29,7 +29,6 @@ __all__ = [
     "damage_bytes",
     "find_scenario",
     "fly",
-    "fly_many",
     "plan_flights",
     "simulate",
 ]

@@ -1,39 +1,38 @@
-"""Fly: the closed loop of plant, sensors and autopilot, one flight or many at once."""
+"""Fly: the closed loop of plant, sensors and autopilot."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from struct import Struct
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.ardupilot.frames import frame_geometry
 from quadid_logs.data.log import POSITION_VALUES
-from quadid_logs.errors import SimulationError
 from quadid_logs.maths.frames import normalised_allocation, torque_matrix
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple, inertia_terms
-from quadid_logs.maths.rotations import Component, body_rates, quaternion_from_euler
+from quadid_logs.maths.rotations import body_rates, quaternion_from_euler
 from quadid_logs.simulator.airframes import SimulatedAirframe
 from quadid_logs.simulator.control import (
-    Arithmetic,
+    ZERO,
     Gains,
     Mixer,
     RateLaw,
     RateMemory,
     TrackingNotch,
     altitude_throttle,
-    arithmetic,
     butterworth,
     filter_rates,
+    higher,
+    lower,
     mix,
     rate_law,
     rate_setpoint,
     reset_rates,
-    stacked,
     throttle_for_thrust,
     thrust_of_throttle,
     torque_command,
@@ -187,7 +186,7 @@ class Channel(NamedTuple):
     columns: int
 
 
-CORE: Final = (
+CHANNELS: Final = (
     Channel("gyro_filtered", 3),
     Channel("setpoint", 3),
     Channel("command", 3),
@@ -196,8 +195,6 @@ CORE: Final = (
     Channel("attitude", 4),
     Channel("voltage", 1),
     Channel("voltage_filtered", 1),
-)
-EXTRA: Final = (
     Channel("rate", 3),
     Channel("gyro", 3),
     Channel("acceleration", 3),
@@ -228,65 +225,35 @@ class Record:
     Attributes
     ----------
     time_s : ndarray, shape (n_steps,)
-    channels : mapping of str to ndarray, shape (n_steps, n_columns) or (n_flights, n_steps, n_columns)
-        By the names of `CORE`, `EXTRA` and, where positions are held, `NAVIGATION`. ``command`` is exactly
+    channels : mapping of str to ndarray, shape (n_steps, n_columns)
+        By the names of `CHANNELS` and, where positions are held, `NAVIGATION`. ``command`` is exactly
         what enters the mixer, ``achieved`` what it made of it; ``gyro`` is unfiltered, ``torque`` [N m] and
         ``rate`` [rad/s] are true.
-    setups : tuple of Setup
+    setup : Setup
     """
 
     time_s: FloatArray
     channels: dict[str, FloatArray]
-    setups: tuple[Setup, ...]
+    setup: Setup
 
 
 def fly(setup: Setup) -> Record:
-    """Fly once and record everything.
+    """Fly and record everything."""
+    channels = CHANNELS + (() if setup.position is None else NAVIGATION)
+    widths = [channel.columns or setup.airframe.n_rotors for channel in channels]
+    values = np.split(_fly(setup, sum(widths)), np.cumsum(widths)[:-1], axis=1)
+    named = {channel.name: columns for channel, columns in zip(channels, values, strict=True)}
+    return Record(time_s=_times(setup), channels=named, setup=setup)
 
-    With the channels of `CORE` and `EXTRA`, each of shape (n_steps, n_columns).
-    """
-    channels = CORE + EXTRA + (() if setup.position is None else NAVIGATION)
-    values = _fly((setup,), channels)
-    return Record(time_s=_times(setup), channels=_by_name(values, (setup,), channels), setups=(setup,))
 
-
-def fly_many(setups: Sequence[Setup]) -> Record:
-    """Fly many at once, recording the `CORE` channels in single precision.
-
-    The flights may differ in everything but frame, schedule, autopilot and
-    control rate. 200 flights of 60 s at 400 Hz take about 1 GB meanwhile.
-
-    Returns
-    -------
-    Record
-        With the channels of `CORE`, each of shape (n_flights, n_steps, n_columns).
-
-    Raises
-    ------
-    SimulationError
-        If they differ in what must be the same.
-    """
-    first = setups[0]
-    for other in setups:
-        shared = (
-            other.schedule == first.schedule
-            and other.autopilot == first.autopilot
-            and other.loop_hz == first.loop_hz
-            and other.delay_steps == first.delay_steps
-            and other.tuning == first.tuning
-            and other.position is None
-            and other.airframe.n_rotors == first.airframe.n_rotors
-        )
-        if not shared:
-            raise SimulationError(
-                "Flights of one batch have the same number of rotors, schedule, autopilot, delay, tuning, "
-                "loop rate."
-            )
-    values = _fly(tuple(setups), CORE)
-    if len(setups) == 1:
-        values = values[:, :, np.newaxis]
-    by_flight = np.moveaxis(values, 2, 0)
-    return Record(time_s=_times(first), channels=_by_name(by_flight, setups, CORE), setups=tuple(setups))
+def _fly(setup: Setup, width: int) -> FloatArray:
+    """Run the loop; return its rows, shape (n_steps, width)."""
+    n = n_steps(setup)
+    # Numpy takes twice as long to find out that all are floats.
+    packed, row_of = bytearray(8 * n * width), Struct(f"{width}d")
+    for k, row in enumerate(_periods(setup)):
+        row_of.pack_into(packed, k * row_of.size, *row)
+    return np.frombuffer(packed).reshape(n, width)
 
 
 def _times(setup: Setup) -> FloatArray:
@@ -299,49 +266,19 @@ def n_steps(setup: Setup) -> int:
     return round(setup.schedule.end_s * setup.loop_hz)
 
 
-def _by_name(
-    values: FloatArray, setups: Sequence[Setup], channels: tuple[Channel, ...]
-) -> dict[str, FloatArray]:
-    """Cut the record's last axis into its channels."""
-    named, begin = {}, 0
-    for channel in channels:
-        end = begin + (channel.columns or setups[0].airframe.n_rotors)
-        named[channel.name] = values[..., begin:end]
-        begin = end
-    return named
-
-
 class Controller(NamedTuple):
-    """Constants of the control loop, as components."""
+    """Constants of the control loop."""
 
     law: RateLaw
     gains: Gains
     later_gains: Gains
     mixer: Mixer
-    expo: Component
-    propeller_expo: Component
-    speed_max: Component
+    expo: float
+    propeller_expo: float
+    speed_max: float
     compensates_voltage: bool
     curve: OutputCurve
     actuation: Actuation
-
-
-def _fly(setups: tuple[Setup, ...], channels: tuple[Channel, ...]) -> FloatArray:
-    """Run the loop; rows of shape (n_columns,) or (n_columns, n_flights)."""
-    first = setups[0]
-    n, width = n_steps(first), sum(c.columns or first.airframe.n_rotors for c in channels)
-    rows = _periods(setups, full=channels != CORE)
-    if len(setups) == 1:
-        # Numpy takes twice as long to find out that all are floats.
-        packed, row_of = bytearray(8 * n * width), Struct(f"{width}d")
-        for k, row in enumerate(rows):
-            row_of.pack_into(packed, k * row_of.size, *row)
-        return np.frombuffer(packed, dtype=np.float64).reshape(n, width)
-    values = np.empty((n, width, len(setups)), dtype=np.float32)
-    for k, row in enumerate(rows):
-        for column, value in enumerate(row):
-            values[k, column] = value
-    return values  # type: ignore[return-value]
 
 
 class Decision(NamedTuple):
@@ -349,12 +286,12 @@ class Decision(NamedTuple):
 
     setpoint: Triple
     command: Triple
-    throttle: Component
-    limited: Component
+    throttle: float
+    limited: float
     achieved: Triple
-    thrust: tuple[Component, ...]
-    actuators: tuple[Component, ...]
-    targets: tuple[Component, ...]
+    thrust: tuple[float, ...]
+    actuators: tuple[float, ...]
+    targets: tuple[float, ...]
 
 
 class PlanRow(NamedTuple):
@@ -367,39 +304,30 @@ class PlanRow(NamedTuple):
     injected: Triple
 
 
-def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Component, ...]]:
+def _periods(setup: Setup) -> Iterator[tuple[float, ...]]:
     """Yield one record row per control period."""
-    first = setups[0]
-    ops = arithmetic(len(setups))
-    body, controller, battery, gyro = _body(setups), _controller(setups), _Battery(setups), _Gyro(setups)
-    phases, n_rotors = setups[0].schedule, setups[0].airframe.n_rotors
-    # Collect what acts on the vehicles from outside, wind excepted.
-    frames = [s.airframe for s in setups]
-    surroundings = Surroundings(
-        [s.effects for s in setups],
-        vector([np.diagonal(frame.inertia_kg_m2) for frame in frames]),
-        stacked([frame.mass_kg for frame in frames]),
-        1.0 / setups[0].loop_hz,
-    )
-    faults = MotorFaults([s.effects for s in setups], n_rotors, phases.manoeuvre_s, phases.land_s)
-    zero = stacked([0.0 for _ in setups])
-    nothing, still = (zero, zero, zero), (zero,) * first.airframe.n_rotors
-    idle = Decision(nothing, nothing, zero, zero, nothing, still, still, still)
-    state = at_rest(first.airframe.n_rotors, zero)
-    rates, previous = reset_rates(idle.command, idle.command, zero), None
-    height_integral, decision = zero, idle
-    change = round(change_s(first) * first.loop_hz)
-    queue = [idle.targets] * first.delay_steps
+    body, controller, battery, gyro = _body(setup), _controller(setup), _Battery(setup), _Gyro(setup)
+    frame, phases = setup.airframe, setup.schedule
+    # What acts on the vehicle from outside, wind excepted.
+    inertia = vector(np.diagonal(frame.inertia_kg_m2))
+    surroundings = Surroundings(setup.effects, inertia, frame.mass_kg, 1.0 / setup.loop_hz)
+    faults = MotorFaults(setup.effects, frame.n_rotors, phases.manoeuvre_s, phases.land_s)
+    still = (0.0,) * frame.n_rotors
+    idle = Decision(ZERO, ZERO, 0.0, 0.0, ZERO, still, still, still)
+    state = at_rest(frame.n_rotors)
+    rates, previous = reset_rates(idle.command, idle.command), None
+    height_integral, decision = 0.0, idle
+    change = round(change_s(setup) * setup.loop_hz)
+    queue = [idle.targets] * setup.delay_steps
     navigator = None
-    if first.position is not None:
-        begin_s = first.schedule.manoeuvre_s
-        navigator = Navigator(first.position, first.loop_hz, _times(first), begin_s)
-    battery_period = round(BATTERY_PERIOD_S * first.loop_hz)
-    for k, (active, plan, noise, wind, disturbed) in enumerate(_inputs(setups)):
+    if setup.position is not None:
+        navigator = Navigator(setup.position, setup.loop_hz, _times(setup), phases.manoeuvre_s)
+    battery_period = round(BATTERY_PERIOD_S * setup.loop_hz)
+    for k, (active, plan, noise, wind, disturbed) in enumerate(_inputs(setup)):
         if k % battery_period == 0:
-            battery.update(state.wrench.thrust, ops)
+            battery.update(state.wrench.thrust)
         raw, filtered = gyro.read(state.rate, noise, state.speeds)
-        navigated: tuple[Component, ...] = ()
+        navigated: tuple[float, ...] = ()
         if navigator is not None:
             flown = navigator.fly(k, state.velocity)
             roll, pitch, yaw = (sum(both) for both in zip(plan.feedforward, flown.forward, strict=True))
@@ -407,11 +335,11 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
             navigated = flown.row
         if active:
             lift = plan.height - state.height
-            height_integral = ops.higher(ops.lower(height_integral + 0.5 * body.step_s * lift, 2.0), -2.0)
+            height_integral = higher(lower(height_integral + 0.5 * body.step_s * lift, 2.0), -2.0)
             gains = controller.gains if k < change else controller.later_gains
             setpoint = rate_setpoint(state.attitude, plan.attitude, plan.feedforward, gains)
             if previous is None:
-                rates = reset_rates(setpoint, filtered, zero)
+                rates = reset_rates(setpoint, filtered)
             # The attitude controller runs behind the rate controller, which has its set-point a loop later.
             command, rates = torque_command(
                 controller.law,
@@ -420,7 +348,6 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
                 rates,
                 gains,
                 limited=decision.limited,
-                ops=ops,
             )
             previous = setpoint
             throttle = altitude_throttle(
@@ -429,23 +356,21 @@ def _periods(setups: tuple[Setup, ...], *, full: bool) -> Iterator[tuple[Compone
                 height_integral,
                 hover=controller.mixer.hover,
                 attitude=state.attitude,
-                ops=ops,
             )
             command = (
                 command[0] + plan.injected[0],
                 command[1] + plan.injected[1],
                 command[2] + plan.injected[2],
             )
-            decision = _decide(setpoint, command, throttle, controller, battery, ops)
+            decision = _decide(setpoint, command, throttle, controller, battery)
             if controller.actuation.present:
-                decision = _mistaken(decision, controller, battery, k / first.loop_hz, ops)
+                decision = _mistaken(decision, controller, battery, k / setup.loop_hz)
             if faults.present:
-                decision = decision._replace(targets=faults.speeds(decision.targets, k / first.loop_hz, ops))
+                decision = decision._replace(targets=faults.speeds(decision.targets, k / setup.loop_hz))
         else:
-            rates, previous = reset_rates(idle.command, idle.command, zero), None
-            height_integral, decision = zero, idle
-        row = _row(state, decision, rates, raw, filtered, battery, full=full)
-        yield (*row, *navigated) if full else row
+            rates, previous = reset_rates(idle.command, idle.command), None
+            height_integral, decision = 0.0, idle
+        yield (*_row(state, decision, rates, raw, filtered, battery), *navigated)
         queue.append(decision.targets)
         external = surroundings.act(state.attitude, state.acceleration, disturbed)
         state = advance(state, queue.pop(0), wind, body, external)
@@ -458,11 +383,10 @@ def _row(
     raw: Triple,
     filtered: Triple,
     battery: _Battery,
-    *,
-    full: bool,
-) -> tuple[Component, ...]:
-    """Return the values of the `CORE` channels, and of `EXTRA` behind them if `full`."""
-    core = (
+) -> tuple[float, ...]:
+    """Return the values of the `CHANNELS`."""
+    roll, pitch, yaw = rates
+    return (
         *filtered,
         *decision.setpoint,
         *decision.command,
@@ -471,12 +395,6 @@ def _row(
         *state.attitude,
         battery.ratio,
         battery.filtered,
-    )
-    if not full:
-        return core
-    roll, pitch, yaw = rates
-    return (
-        *core,
         *state.rate,
         *raw,
         *state.acceleration,
@@ -498,27 +416,23 @@ def _row(
 class _Gyro:
     """The gyro with its noise and resolution, and the autopilot's low-pass."""
 
-    def __init__(self, setups: tuple[Setup, ...]) -> None:
-        first = setups[0]
-        self._biquad = butterworth(first.gyro_filter_hz, first.loop_hz)
-        self._quantum = stacked([s.noise.gyro_resolution_rad_s for s in setups])
+    def __init__(self, setup: Setup) -> None:
+        noise, loop_hz = setup.noise, setup.loop_hz
+        self._biquad = butterworth(setup.gyro_filter_hz, loop_hz)
+        self._quantum = noise.gyro_resolution_rad_s
         # The estimator has found nine tenths of the bias before take-off.
-        self._bias = vector([0.1 * np.array(s.noise.gyro_bias_rad_s) for s in setups])
-        self._scale = vector([1.0 + np.array(s.noise.gyro_scale) for s in setups])
-        self._cross = tuple(stacked([s.noise.gyro_cross[place] for s in setups]) for place in range(6))
-        self._mode = FlexibleMode([s.effects for s in setups], first.loop_hz)
-        zero = 0.0 * self._quantum
-        self._memory = ((zero, zero, zero), (zero, zero, zero))
+        self._bias = vector(0.1 * np.array(noise.gyro_bias_rad_s))
+        self._scale = vector(1.0 + np.array(noise.gyro_scale))
+        self._cross = noise.gyro_cross
+        self._mode = FlexibleMode(setup.effects, loop_hz)
+        self._memory = (ZERO, ZERO)
         self._vibration = RotorVibration(
-            [s.effects for s in setups],
-            [s.noise.rotor_line_rad_s for s in setups],
-            first.airframe.n_rotors,
-            first.loop_hz,
+            setup.effects, noise.rotor_line_rad_s, setup.airframe.n_rotors, loop_hz
         )
-        self._loop_hz, self._notch = first.loop_hz, first.tuning.notch
+        self._loop_hz, self._notch = loop_hz, setup.tuning.notch
         self._notched = [self._memory] * (0 if self._notch is None else self._notch.n_harmonics)
 
-    def read(self, rate: Triple, noise: Triple, speeds: tuple[Component, ...]) -> tuple[Triple, Triple]:
+    def read(self, rate: Triple, noise: Triple, speeds: tuple[float, ...]) -> tuple[Triple, Triple]:
         """Return the sample and what the filter makes of it."""
         quantum, bias, scale = self._quantum, self._bias, self._scale
         (pq, pr, qp, qr, rp, rq), (p, q, r) = self._cross, self._mode.seen(rate)
@@ -541,20 +455,15 @@ class _Gyro:
 
 
 def _decide(
-    setpoint: Triple,
-    command: Triple,
-    throttle: Component,
-    controller: Controller,
-    battery: _Battery,
-    ops: Arithmetic,
+    setpoint: Triple, command: Triple, throttle: float, controller: Controller, battery: _Battery
 ) -> Decision:
     """Mix the command and turn it into rotor speeds, on the way that the autopilot goes."""
     gain = 1.0 / battery.lift if controller.compensates_voltage else 1.0
     scaled = (command[0] * gain, command[1] * gain, command[2] * gain)
     base = controller.curve.throttle(throttle) if controller.curve.present else throttle * gain
-    mixed = mix(scaled, base, controller.mixer, ops)
+    mixed = mix(scaled, base, controller.mixer)
     roll, pitch, yaw = mixed.torque
-    actuators = _actuators(mixed.thrust, controller, battery, ops)
+    actuators = _actuators(mixed.thrust, controller, battery)
     return Decision(
         setpoint,
         command,
@@ -567,25 +476,21 @@ def _decide(
     )
 
 
-def _actuators(
-    thrusts: tuple[Component, ...], controller: Controller, battery: _Battery, ops: Arithmetic
-) -> tuple[Component, ...]:
+def _actuators(thrusts: tuple[float, ...], controller: Controller, battery: _Battery) -> tuple[float, ...]:
     """Return the actuator outputs that the firmware takes for these fractions of the full thrust (0 to 1)."""
     outputs = []
     for thrust in thrusts:
         if controller.compensates_voltage:
             value = throttle_for_thrust(battery.lift * thrust, controller.expo) / battery.filtered
         elif controller.curve.present:
-            value = controller.curve.output(thrust, battery.ratio, ops)
+            value = controller.curve.output(thrust, battery.ratio)
         else:
             value = throttle_for_thrust(thrust, controller.expo)
-        outputs.append(ops.lower(value, 1.0))
+        outputs.append(lower(value, 1.0))
     return tuple(outputs)
 
 
-def _speeds(
-    actuators: tuple[Component, ...], controller: Controller, battery: _Battery
-) -> tuple[Component, ...]:
+def _speeds(actuators: tuple[float, ...], controller: Controller, battery: _Battery) -> tuple[float, ...]:
     """Return the rotor speeds at rest that the outputs lead to [rad/s]."""
     expo = controller.propeller_expo
     speeds = [
@@ -594,79 +499,64 @@ def _speeds(
     return tuple(speeds)
 
 
-def _mistaken(
-    decision: Decision, controller: Controller, battery: _Battery, time_s: float, ops: Arithmetic
-) -> Decision:
+def _mistaken(decision: Decision, controller: Controller, battery: _Battery, time_s: float) -> Decision:
     """Let the rotors do something else than what the log takes for achieved."""
     gain = 1.0 / battery.lift if controller.compensates_voltage else 1.0
-    roll, pitch, yaw = controller.actuation.error(decision.achieved, time_s, ops)
+    roll, pitch, yaw = controller.actuation.error(decision.achieved, time_s)
     mixer = controller.mixer
     moved = tuple(
         thrust + gain * (r * roll + p * pitch + y * yaw)
         for thrust, r, p, y in zip(decision.thrust, mixer.roll, mixer.pitch, mixer.yaw, strict=True)
     )
-    followed = controller.actuation.followed(moved, ops)
-    thrusts = tuple(ops.higher(ops.lower(thrust, 1.0), 0.0) for thrust in followed)
-    return decision._replace(
-        targets=_speeds(_actuators(thrusts, controller, battery, ops), controller, battery)
-    )
+    followed = controller.actuation.followed(moved)
+    thrusts = tuple(higher(lower(thrust, 1.0), 0.0) for thrust in followed)
+    return decision._replace(targets=_speeds(_actuators(thrusts, controller, battery), controller, battery))
 
 
 class _Battery:
     """The pack's voltage over its full one, and the autopilot's filtered view of it."""
 
-    def __init__(self, setups: tuple[Setup, ...]) -> None:
-        packs = [s.airframe.battery for s in setups]
-        self._weight = stacked([s.airframe.mass_kg * GRAVITY_M_S2 for s in setups])
-        self._current = stacked([pack.hover_current_a for pack in packs])
-        self._drop = stacked([pack.resistance_ohm / pack.full_v for pack in packs])
-        self._fall = stacked([pack.sag / pack.capacity_a_s for pack in packs])
-        self._expo = stacked([s.firmware_expo for s in setups])
-        self._used = self._current * 0.0
-        self.ratio = self.filtered = self.lift = self._used + 1.0
+    def __init__(self, setup: Setup) -> None:
+        pack = setup.airframe.battery
+        self._weight = setup.airframe.mass_kg * GRAVITY_M_S2
+        self._current = pack.hover_current_a
+        self._drop = pack.resistance_ohm / pack.full_v
+        self._fall = pack.sag / pack.capacity_a_s
+        self._expo = setup.firmware_expo
+        self._used = 0.0
+        self.ratio = self.filtered = self.lift = 1.0
 
-    def update(self, thrust: Component, ops: Arithmetic) -> None:
+    def update(self, thrust: float) -> None:
         """Draw the current of this thrust for one period."""
         current = self._current * (thrust / self._weight) ** 1.5
         self._used = self._used + current * BATTERY_PERIOD_S
-        self.ratio = ops.higher(1.0 - self._fall * self._used - self._drop * current, 0.5)
+        self.ratio = higher(1.0 - self._fall * self._used - self._drop * current, 0.5)
         # A 0.5 Hz low-pass, as AP_Motors_Thrust_Linearization filters the voltage.
         self.filtered = self.filtered + 0.24 * (self.ratio - self.filtered)
         self.lift = thrust_of_throttle(self.filtered, self._expo)
 
 
-def _body(setups: tuple[Setup, ...]) -> Body:
-    """Collect the plants' constants."""
-    frames = [s.airframe for s in setups]
-    step_s = 1.0 / setups[0].loop_hz
-    inertia = np.array([frame.inertia_kg_m2 for frame in frames])
-    torques = []
-    for s in setups:
-        # L, M, N per newton of each rotor about the centre of mass, wherever that is; (3, n_rotors).
-        frame, (forward, right) = s.airframe, s.effects.mass_offset
-        reach = float(np.hypot(*frame.position_m[:, :2].T).max())
-        position = frame.position_m - reach * np.array([forward, right, 0.0])
-        torques.append(torque_matrix(position, frame.spin, frame.torque_to_thrust_m))
-    arms = np.array(torques)
+def _body(setup: Setup) -> Body:
+    """Collect the plant's constants."""
+    frame, step_s = setup.airframe, 1.0 / setup.loop_hz
+    # L, M, N per newton of each rotor about the centre of mass, wherever that is; (3, n_rotors).
+    forward, right = setup.effects.mass_offset
+    reach = float(np.hypot(*frame.position_m[:, :2].T).max())
+    position = frame.position_m - reach * np.array([forward, right, 0.0])
+    arms = torque_matrix(position, frame.spin, frame.torque_to_thrust_m)
     return Body(
         step_s=step_s,
-        mass=stacked([frame.mass_kg for frame in frames]),
-        inertia=inertia_terms(inertia[0] if len(frames) == 1 else inertia),
-        damping=vector([frame.rate_damping_n_m_s for frame in frames]),
-        thrust_per_speed2=tuple(
-            stacked([float(f.rotor_thrust_n[i]) / f.rotor_speed_max_rad_s**2 for f in frames])
-            for i in range(frames[0].n_rotors)
-        ),
-        arms=tuple(vector(list(arms[:, :, i])) for i in range(frames[0].n_rotors)),
-        decay_up=_decay([frame.lag_up_s for frame in frames], step_s),
-        decay_down=_decay([s.airframe.lag_down_s * s.effects.spin_down_ratio for s in setups], step_s),
-        rotor_inertia=tuple(
-            stacked([float(frame.spin[i]) * frame.rotor_inertia_kg_m2 for frame in frames])
-            for i in range(frames[0].n_rotors)
-        ),
-        drag=stacked([frame.drag_n_s_m for frame in frames]),
-        drag_area=stacked([frame.drag_area_m2 for frame in frames]),
-        drag_height=stacked([frame.drag_height_m for frame in frames]),
+        mass=frame.mass_kg,
+        inertia=inertia_terms(frame.inertia_kg_m2),
+        damping=vector(frame.rate_damping_n_m_s),
+        thrust_per_speed2=tuple((frame.rotor_thrust_n / frame.rotor_speed_max_rad_s**2).tolist()),
+        arms=tuple(vector(arm) for arm in arms.T),
+        decay_up=_decay(frame.lag_up_s, step_s),
+        decay_down=_decay(frame.lag_down_s * setup.effects.spin_down_ratio, step_s),
+        rotor_inertia=tuple((frame.spin * frame.rotor_inertia_kg_m2).tolist()),
+        drag=frame.drag_n_s_m,
+        drag_area=frame.drag_area_m2,
+        drag_height=frame.drag_height_m,
     )
 
 
@@ -675,10 +565,10 @@ def hover_rad_s_of(airframe: SimulatedAirframe) -> float:
     return float(airframe.rotor_speed_max_rad_s * airframe.hover_throttle**0.5)
 
 
-def _decay(lags_s: Sequence[float], step_s: float) -> tuple[Component, Component]:
+def _decay(lag_s: float, step_s: float) -> tuple[float, float]:
     """Return what is left of a gap after half and after the whole step; nothing without lag."""
-    half = [math.exp(-0.5 * step_s / lag) if lag > 0.0 else 0.0 for lag in lags_s]
-    return stacked(half), stacked([value * value for value in half])
+    half = math.exp(-0.5 * step_s / lag_s) if lag_s > 0.0 else 0.0
+    return half, half * half
 
 
 def mixer_factors(airframe: SimulatedAirframe, autopilot: str) -> FloatArray:
@@ -715,12 +605,12 @@ def controller_gains(setup: Setup) -> Gains:
     tuning = setup.tuning
     of_p, of_i, of_d, of_angle = np.array(tuning.single_gain)
     return Gains(
-        attitude=vector([of_angle * np.minimum(0.25 * crossover, (6.0, 6.0, 2.5))]),
-        proportional=vector([of_p * proportional]),
-        integral=vector([of_i * 0.25 * crossover * proportional]),
-        derivative=vector([of_d * lead_s * proportional]),
+        attitude=vector(of_angle * np.minimum(0.25 * crossover, (6.0, 6.0, 2.5))),
+        proportional=vector(of_p * proportional),
+        integral=vector(of_i * 0.25 * crossover * proportional),
+        derivative=vector(of_d * lead_s * proportional),
         derivative_weight=vector(
-            [np.array([_weight(tuning.of_derivative_hz(axis), setup.loop_hz) for axis in range(3)])]
+            [_weight(tuning.of_derivative_hz(axis), setup.loop_hz) for axis in range(3)]
         ),
         target_weight=_weight(tuning.target_hz, setup.loop_hz),
         error_weight=_weight(tuning.error_hz, setup.loop_hz),
@@ -751,49 +641,32 @@ def _weight(cutoff_hz: float, loop_hz: float) -> float:
     return 1.0 / (1.0 + loop_hz / (2.0 * math.pi * cutoff_hz)) if cutoff_hz > 0.0 else 1.0
 
 
-def _together(gains: Sequence[Gains]) -> Gains:
-    """Put the gains of all flights beside each other."""
-    return gains[0]._replace(
-        attitude=vector([np.array(g.attitude) for g in gains]),
-        proportional=vector([np.array(g.proportional) for g in gains]),
-        integral=vector([np.array(g.integral) for g in gains]),
-        derivative=vector([np.array(g.derivative) for g in gains]),
-    )
-
-
-def _controller(setups: tuple[Setup, ...]) -> Controller:
+def _controller(setup: Setup) -> Controller:
     """Collect what the control loop needs."""
-    first = setups[0]
-    gains = _together([controller_gains(s) for s in setups])
-    factors = np.array([mixer_factors(s.airframe, s.autopilot) for s in setups])
-    roll, pitch, yaw, throttle = (
-        tuple(stacked([float(f[motor, axis]) for f in factors]) for motor in range(factors.shape[1]))
-        for axis in range(4)
-    )
+    roll, pitch, yaw, throttle = mixer_factors(setup.airframe, setup.autopilot).T.tolist()
     return Controller(
-        law=rate_law(first.autopilot),
-        gains=gains,
-        later_gains=_together([final_gains(s) for s in setups]),
+        law=rate_law(setup.autopilot),
+        gains=controller_gains(setup),
+        later_gains=final_gains(setup),
         mixer=Mixer(
-            roll=roll,
-            pitch=pitch,
-            yaw=yaw,
-            throttle=throttle,
-            hover=stacked([s.hover_throttle for s in setups]),
+            roll=tuple(roll),
+            pitch=tuple(pitch),
+            yaw=tuple(yaw),
+            throttle=tuple(throttle),
+            hover=setup.hover_throttle,
         ),
-        expo=stacked([s.firmware_expo for s in setups]),
-        propeller_expo=stacked([s.airframe.thrust_expo for s in setups]),
-        speed_max=stacked([s.airframe.rotor_speed_max_rad_s for s in setups]),
-        compensates_voltage=first.autopilot == "ardupilot",
-        curve=output_curve([s.effects for s in setups], wanted=first.autopilot == "betaflight"),
-        actuation=Actuation([s.effects for s in setups]),
+        expo=setup.firmware_expo,
+        propeller_expo=setup.airframe.thrust_expo,
+        speed_max=setup.airframe.rotor_speed_max_rad_s,
+        compensates_voltage=setup.autopilot == "ardupilot",
+        curve=output_curve(setup.effects, wanted=setup.autopilot == "betaflight"),
+        actuation=Actuation(setup.effects),
     )
 
 
-def _inputs(setups: tuple[Setup, ...]) -> Iterator[tuple[bool, PlanRow, Triple, Triple, Triple]]:
+def _inputs(setup: Setup) -> Iterator[tuple[bool, PlanRow, Triple, Triple, Triple]]:
     """Yield for every control period: motors run, what is commanded, gyro noise, wind, disturbing torque."""
-    first = setups[0]
-    time_s, phases = _times(first), first.schedule
+    time_s, phases = _times(setup), setup.schedule
     active = (time_s >= phases.take_off_s) & (time_s < phases.disarm_s)
     # Commanded height: climb, hold, come down, and press on below the ground until disarmed.
     climb_end = 0.5 * (phases.take_off_s + phases.manoeuvre_s)
@@ -802,31 +675,16 @@ def _inputs(setups: tuple[Setup, ...]) -> Iterator[tuple[bool, PlanRow, Triple, 
         [phases.take_off_s, climb_end, phases.land_s, phases.touch_down_s, phases.disarm_s],
         [0.0, phases.height_m, phases.height_m, 0.0, -3.0],
     )
-    rows = zip(
-        active.tolist(),
-        height.tolist(),
-        np.gradient(height, time_s).tolist(),
-        _rows(setups, lambda s: _plan(s)[0]),
-        _rows(setups, lambda s: _plan(s)[1]),
-        _rows(setups, lambda s: _plan(s)[2]),
-        _rows(setups, _gyro_noise),
-        _rows(setups, _wind),
-        _rows(setups, _disturbance),
-        strict=True,
+    n, step_s = n_steps(setup), 1.0 / setup.loop_hz
+    wind = dryden_wind(setup.wind, n, step_s, generator(setup, "wind"))
+    torque = disturbance(
+        setup.effects, setup.airframe.inertia_kg_m2, n, step_s, generator(setup, "disturbance")
     )
-    for run, above, climb, attitude, feedforward, injected, noise, wind, disturbed in rows:
-        yield run, PlanRow(above, climb, attitude, feedforward, injected), noise, wind, disturbed
-
-
-def _rows(setups: tuple[Setup, ...], series: Callable[[Setup], FloatArray]) -> Any:
-    """Rows of floats for one flight, of (n_columns, n_flights) in single precision for many."""
-    one = series(setups[0])
-    if len(setups) == 1:
-        return one.tolist()
-    rows = np.empty((*one.shape, len(setups)), dtype=np.float32)
-    for flight, setup in enumerate(setups):
-        rows[..., flight] = series(setup)
-    return rows
+    above = (height, np.gradient(height, time_s), *_plan(setup))
+    outside = (_gyro_noise(setup), wind, torque)
+    rows = zip(*(series.tolist() for series in (active, *above, *outside)), strict=True)
+    for run, *plan, noise, blown, disturbed in rows:
+        yield run, PlanRow(*plan), noise, blown, disturbed
 
 
 def _plan(setup: Setup) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -863,17 +721,6 @@ def _gyro_noise(setup: Setup) -> FloatArray:
         setup.loop_hz,
         generator(setup, "frame line"),
     )
-
-
-def _wind(setup: Setup) -> FloatArray:
-    """Wind in NED [m/s], shape (n_steps, 3)."""
-    return dryden_wind(setup.wind, n_steps(setup), 1.0 / setup.loop_hz, generator(setup, "wind"))
-
-
-def _disturbance(setup: Setup) -> FloatArray:
-    """Torque of the disturbances [N m], shape (n_steps, 3)."""
-    inertia, step_s = setup.airframe.inertia_kg_m2, 1.0 / setup.loop_hz
-    return disturbance(setup.effects, inertia, n_steps(setup), step_s, generator(setup, "disturbance"))
 
 
 def generator(setup: Setup, purpose: str) -> np.random.Generator:

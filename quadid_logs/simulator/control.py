@@ -1,6 +1,6 @@
 """The autopilot: attitude and rate loops, altitude hold, mixer, thrust curve.
 
-Components throughout, as in `plant`. The structure and the mixer are
+Plain floats throughout, as in `plant`. The structure and the mixer are
 ArduPilot's (AC_AttitudeControl, AC_PID, AP_MotorsMatrix.cpp
 `output_armed_stabilizing`); PX4 differs in its rate law (rate_control.cpp), in
 its factors and in the thrust curve, and its sequential desaturation is replaced
@@ -10,62 +10,43 @@ by the same scaling.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple
 from quadid_logs.maths.rotations import Component
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
-
-class Arithmetic(NamedTuple):
-    """Minimum and maximum, of two and of a list: all that Python writes differently for floats and arrays."""
-
-    lower: Callable[[Any, Any], Any]
-    higher: Callable[[Any, Any], Any]
-    lowest: Callable[[list[Any]], Any]
-    highest: Callable[[list[Any]], Any]
+ZERO: Final[Triple] = (0.0, 0.0, 0.0)
 
 
-def arithmetic(n_flights: int) -> Arithmetic:
-    """Return the arithmetic for one flight (floats) or for many (arrays)."""
-    if n_flights == 1:
-        return Arithmetic(_lower, _higher, min, max)
-    return Arithmetic(np.minimum, np.maximum, np.minimum.reduce, np.maximum.reduce)
-
-
-def stacked(values: Sequence[float]) -> Component:
-    """Make a float of one flight's value, an array of many flights' values."""
-    return float(values[0]) if len(values) == 1 else np.asarray(values, dtype=np.float64)
-
-
-def vector(vectors: Sequence[FloatArray]) -> Triple:
-    """Stack one 3-vector per flight into components."""
-    p, q, r = (stacked([float(vector[axis]) for vector in vectors]) for axis in range(3))
+def vector(values: ArrayLike) -> Triple:
+    """Return three values as plain floats, which cost a tenth of numpy's scalars."""
+    p, q, r = np.asarray(values, dtype=np.float64).tolist()
     return p, q, r
 
 
-def _lower(one: float, other: float) -> float:
+def lower(one: float, other: float) -> float:
     """Return what `min` does, in a third of the time."""
     return other if other < one else one
 
 
-def _higher(one: float, other: float) -> float:
+def higher(one: float, other: float) -> float:
     """Return what `max` does, in a third of the time."""
     return other if other > one else one
 
 
 class Biquad(NamedTuple):
-    """Coefficients of a filter of second order in the gyro's path; of many flights each an array."""
+    """Coefficients of a filter of second order in the gyro's path."""
 
-    b0: Component
-    b1: Component
-    b2: Component
-    a1: Component
-    a2: Component
+    b0: float
+    b1: float
+    b2: float
+    a1: float
+    a2: float
 
 
 def butterworth(cutoff_hz: float, sample_rate_hz: float) -> Biquad:
@@ -94,7 +75,7 @@ class TrackingNotch(NamedTuple):
     n_harmonics: int = 1
     stands: bool = False
 
-    def biquad(self, harmonic: int, speed_hz: Component, sample_rate_hz: float) -> Biquad:
+    def biquad(self, harmonic: int, speed_hz: float, sample_rate_hz: float) -> Biquad:
         """Return the filter at one harmonic of a speed (NotchFilter.cpp)."""
         octaves = 2.0 * math.log2(self.lowest_hz / (self.lowest_hz - 0.5 * self.width_hz))
         quality = math.sqrt(2.0**octaves) / (2.0**octaves - 1.0)
@@ -161,27 +142,27 @@ class RateTerms(NamedTuple):
     ``rate`` are the filtered ones, ``pd`` and ``peaks`` the slew limiter's.
     """
 
-    proportional: Component
-    integral: Component
-    derivative: Component
-    slope: Component
-    scale: Component
-    target: Component
-    error: Component
-    rate: Component
-    learned: Component
-    pd: Component = 0.0
-    slew: Component = 0.0
-    peaks: tuple[Component, Component] = (0.0, 0.0)
+    proportional: float
+    integral: float
+    derivative: float
+    slope: float
+    scale: float
+    target: float
+    error: float
+    rate: float
+    learned: float
+    pd: float = 0.0
+    slew: float = 0.0
+    peaks: tuple[float, float] = (0.0, 0.0)
 
     @property
-    def output(self) -> Component:
+    def output(self) -> float:
         """The torque command."""
         return self.proportional + self.integral + self.derivative
 
 
 RateMemory = tuple[RateTerms, RateTerms, RateTerms]
-RateLaw = Callable[[Component, Component, RateTerms, Gains, int, Component, Arithmetic], RateTerms]
+RateLaw = Callable[[float, float, RateTerms, Gains, int, float], RateTerms]
 
 
 def rate_setpoint(attitude: Quadruple, wanted: Quadruple, feedforward: Triple, gains: Gains) -> Triple:
@@ -198,40 +179,27 @@ def rate_setpoint(attitude: Quadruple, wanted: Quadruple, feedforward: Triple, g
     )
 
 
-def reset_rates(setpoint: Triple, rate: Triple, zero: Component) -> RateMemory:
+def reset_rates(setpoint: Triple, rate: Triple) -> RateMemory:
     """Return the memory of controllers that begin: no derivative, no integral, filters settled."""
     first, second, third = (
-        RateTerms(zero, zero, zero, zero, zero + 1.0, target, target - measured, measured, zero)
+        RateTerms(0.0, 0.0, 0.0, 0.0, 1.0, target, target - measured, measured, 0.0)
         for target, measured in zip(setpoint, rate, strict=True)
     )
     return first, second, third
 
 
 def torque_command(
-    law: RateLaw,
-    setpoint: Triple,
-    rate: Triple,
-    memory: RateMemory,
-    gains: Gains,
-    *,
-    limited: Component,
-    ops: Arithmetic,
+    law: RateLaw, setpoint: Triple, rate: Triple, memory: RateMemory, gains: Gains, *, limited: float
 ) -> tuple[Triple, RateMemory]:
     """Run the three rate controllers on the set-point of the loop before."""
-    first = law(setpoint[0], rate[0], memory[0], gains, 0, limited, ops)
-    second = law(setpoint[1], rate[1], memory[1], gains, 1, limited, ops)
-    third = law(setpoint[2], rate[2], memory[2], gains, 2, limited, ops)
+    first = law(setpoint[0], rate[0], memory[0], gains, 0, limited)
+    second = law(setpoint[1], rate[1], memory[1], gains, 1, limited)
+    third = law(setpoint[2], rate[2], memory[2], gains, 2, limited)
     return (first.output, second.output, third.output), (first, second, third)
 
 
 def ardupilot_rate_law(
-    setpoint: Component,
-    rate: Component,
-    before: RateTerms,
-    gains: Gains,
-    axis: int,
-    limited: Component,
-    ops: Arithmetic,
+    setpoint: float, rate: float, before: RateTerms, gains: Gains, axis: int, limited: float
 ) -> RateTerms:
     """Run AC_PID::update_all: D on the filtered error; the integrator only shrinks at the mixer's limits."""
     target = before.target + gains.target_weight * (setpoint - before.target)
@@ -246,7 +214,7 @@ def ardupilot_rate_law(
     # By place: names take as long as all the sums.
     found = RateTerms(
         proportional,
-        ops.higher(ops.lower(integral, bound), -bound),
+        higher(lower(integral, bound), -bound),
         derivative,
         slope,
         before.scale,
@@ -255,7 +223,7 @@ def ardupilot_rate_law(
         rate,
         before.learned,
     )
-    return _slew_limited(found, before, gains, ops) if gains.slew_limit > 0.0 else found
+    return _slew_limited(found, before, gains) if gains.slew_limit > 0.0 else found
 
 
 #: SlewLimiter.cpp: low-pass on the slope [Hz], decay of its peaks [s], slope of the factor, highest peak.
@@ -265,7 +233,7 @@ _SLEW_STEEPNESS: Final = 1.5
 _SLEW_PEAK: Final = 10.0
 
 
-def _slew_limited(found: RateTerms, before: RateTerms, gains: Gains, ops: Arithmetic) -> RateTerms:
+def _slew_limited(found: RateTerms, before: RateTerms, gains: Gains) -> RateTerms:
     """Scale P and D down while their sum of the steps before slews faster than the limit.
 
     The limiter's window of events is left out: its peaks decay from the first moment.
@@ -275,9 +243,9 @@ def _slew_limited(found: RateTerms, before: RateTerms, gains: Gains, ops: Arithm
     total = before.proportional + before.derivative
     slew = before.slew + weight * ((total - before.pd) / step_s - before.slew)
     left, highest = math.exp(-step_s / _SLEW_DECAY_S), _SLEW_PEAK * limit
-    up = ops.lower(ops.higher(slew, left * before.peaks[0]), highest)
-    down = ops.lower(ops.higher(-slew, left * before.peaks[1]), highest)
-    excess = ops.higher(0.5 * (up + down) - limit, 0.0)
+    up = lower(higher(slew, left * before.peaks[0]), highest)
+    down = lower(higher(-slew, left * before.peaks[1]), highest)
+    excess = higher(0.5 * (up + down) - limit, 0.0)
     scale = limit / (limit + _SLEW_STEEPNESS * excess)
     return found._replace(
         proportional=scale * found.proportional,
@@ -294,13 +262,7 @@ _INTEGRATOR_END: Final = math.radians(400.0)
 
 
 def px4_rate_law(
-    setpoint: Component,
-    rate: Component,
-    before: RateTerms,
-    gains: Gains,
-    axis: int,
-    limited: Component,
-    ops: Arithmetic,
+    setpoint: float, rate: float, before: RateTerms, gains: Gains, axis: int, limited: float
 ) -> RateTerms:
     """Run RateControl::update: D on the measured rate; the integral is that of the errors before.
 
@@ -313,7 +275,7 @@ def px4_rate_law(
     proportional, derivative = gains.proportional[axis] * error, -gains.derivative[axis] * slope
     integral = before.learned
     pushes = 1.0 * (error * (proportional + integral + derivative) > 0.0)
-    slower = ops.higher(1.0 - (error / _INTEGRATOR_END) ** 2, 0.0)
+    slower = higher(1.0 - (error / _INTEGRATOR_END) ** 2, 0.0)
     step = gains.integral[axis] * slower * error * gains.step_s * (1.0 - limited * pushes)
     bound = gains.integral_limit
     return RateTerms(
@@ -325,7 +287,7 @@ def px4_rate_law(
         setpoint,
         error,
         rate,
-        learned=ops.higher(ops.lower(integral + step, bound), -bound),
+        learned=higher(lower(integral + step, bound), -bound),
     )
 
 
@@ -335,29 +297,23 @@ def rate_law(autopilot: str) -> RateLaw:
 
 
 def altitude_throttle(
-    height_error: Component,
-    climb_error: Component,
-    integral: Component,
-    *,
-    hover: Component,
-    attitude: Quadruple,
-    ops: Arithmetic,
-) -> Component:
+    height_error: float, climb_error: float, integral: float, *, hover: float, attitude: Quadruple
+) -> float:
     """Hold the height: hover throttle, more when tilted, plus a PID on the height (0 to 1)."""
     _, x, y, _ = attitude
-    upright = ops.higher(1.0 - 2.0 * (x * x + y * y), 0.5)
+    upright = higher(1.0 - 2.0 * (x * x + y * y), 0.5)
     wanted = 1.0 + (1.4 * height_error + 2.4 * climb_error + integral) / GRAVITY_M_S2
-    return ops.higher(ops.lower(hover * wanted / upright, 1.0), 0.02)
+    return higher(lower(hover * wanted / upright, 1.0), 0.02)
 
 
 class Mixer(NamedTuple):
     """Roll, pitch, yaw and throttle factor of every motor, and the mixer's settings."""
 
-    roll: tuple[Component, ...]
-    pitch: tuple[Component, ...]
-    yaw: tuple[Component, ...]
-    throttle: tuple[Component, ...]
-    hover: Component
+    roll: tuple[float, ...]
+    pitch: tuple[float, ...]
+    yaw: tuple[float, ...]
+    throttle: tuple[float, ...]
+    hover: float
     yaw_headroom: float = 0.2
     throttle_mix: float = 0.5
 
@@ -365,54 +321,52 @@ class Mixer(NamedTuple):
 class Mixed(NamedTuple):
     """Thrust fraction per motor (0 to 1), torque that was achieved, 1 where anything was limited."""
 
-    thrust: tuple[Component, ...]
+    thrust: tuple[float, ...]
     torque: Triple
-    limited: Component
+    limited: float
 
 
-def mix(command: Triple, throttle: Component, mixer: Mixer, ops: Arithmetic) -> Mixed:
+def mix(command: Triple, throttle: float, mixer: Mixer) -> Mixed:
     """Allocate torque and throttle to the motors: yaw is clipped first, then all is scaled."""
     roll, pitch, yaw = command
-    average = ops.higher(throttle, (1.0 - mixer.throttle_mix) * throttle + mixer.throttle_mix * mixer.hover)
+    average = higher(throttle, (1.0 - mixer.throttle_mix) * throttle + mixer.throttle_mix * mixer.hover)
     tilt = [r * roll + p * pitch for r, p in zip(mixer.roll, mixer.pitch, strict=True)]
-    allowed = _yaw_room(tilt, yaw, ops.lower(average, 0.5), mixer, ops)
-    turned = ops.higher(ops.lower(yaw, allowed), -allowed)
+    allowed = _yaw_room(tilt, yaw, lower(average, 0.5), mixer)
+    turned = higher(lower(yaw, allowed), -allowed)
     wanted = [t + y * turned for t, y in zip(tilt, mixer.yaw, strict=True)]
-    low, high = ops.lowest(wanted), ops.highest(wanted)
-    scale = ops.lower(1.0 / ops.higher(high - low, 1.0), average / ops.higher(-low, 1e-9))
+    low, high = min(wanted), max(wanted)
+    scale = lower(1.0 / higher(high - low, 1.0), average / higher(-low, 1e-9))
     # The lower bound on -low only avoids a division by zero: the ratio is then far above 1.
-    scale = ops.lower(scale, 1.0)
+    scale = lower(scale, 1.0)
     base = -low * scale
-    room = ops.higher(1.0 - base - high * scale, 0.0)
-    lift = ops.lower(ops.higher(throttle - base, 0.0), room) * (scale >= 1.0)
+    room = higher(1.0 - base - high * scale, 0.0)
+    lift = lower(higher(throttle - base, 0.0), room) * (scale >= 1.0)
     collective = base + lift
     thrust = [
-        ops.higher(ops.lower(collective * t + scale * value, 1.0), 0.0)
+        higher(lower(collective * t + scale * value, 1.0), 0.0)
         for t, value in zip(mixer.throttle, wanted, strict=True)
     ]
     limited = 1.0 * ((scale < 1.0) | (turned != yaw) | (collective < throttle - 1e-9))
     return Mixed(tuple(thrust), (scale * roll, scale * pitch, scale * turned), limited)
 
 
-def _yaw_room(
-    tilt: list[Component], yaw: Component, best_throttle: Component, mixer: Mixer, ops: Arithmetic
-) -> Component:
+def _yaw_room(tilt: list[float], yaw: float, best_throttle: float, mixer: Mixer) -> float:
     """How much yaw the motors have room for beside roll and pitch, the headroom at least."""
-    allowed: Component = 1.0
+    allowed = 1.0
     for value, factor in zip(tilt, mixer.yaw, strict=True):
         size = abs(factor)
         base = best_throttle + value
         room = base + (1.0 - 2.0 * base) * (yaw * factor > 0.0)
         # A motor without yaw authority sets no limit.
-        allowed = ops.lower(allowed, ops.higher(room, 0.0) / ops.higher(size, 1e-6) + 1e6 * (size < 1e-6))
-    return ops.higher(allowed, mixer.yaw_headroom)
+        allowed = lower(allowed, higher(room, 0.0) / higher(size, 1e-6) + 1e6 * (size < 1e-6))
+    return higher(allowed, mixer.yaw_headroom)
 
 
-def throttle_for_thrust(thrust: Component, expo: Component) -> Component:
+def throttle_for_thrust(thrust: Component, expo: float) -> Component:
     """Invert thrust = (1-e) y + e y^2 (AP_Motors_Thrust_Linearization.cpp, FunctionMotors.hpp)."""
     return (expo - 1.0 + ((1.0 - expo) * (1.0 - expo) + 4.0 * expo * thrust) ** 0.5) / (2.0 * expo)
 
 
-def thrust_of_throttle(throttle: Component, expo: Component) -> Component:
+def thrust_of_throttle(throttle: Component, expo: float) -> Component:
     """Return the thrust fraction (1-e) y + e y^2 of the voltage-effective throttle y."""
     return throttle * (1.0 - expo + expo * throttle)

@@ -1,13 +1,12 @@
 """Structural effects: what real vehicles and logs do, and the fitted model does not know.
 
-`Effects` declares them; the other classes act in the control loop, on floats
-for one flight or arrays of one value per flight for many.
+`Effects` declares them; the other classes act in the control loop.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -16,8 +15,7 @@ import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.rotational_dynamics import Quadruple, Triple
-from quadid_logs.maths.rotations import Component
-from quadid_logs.simulator.control import Arithmetic, Biquad, filter_rates, stacked, vector
+from quadid_logs.simulator.control import ZERO, Biquad, filter_rates, higher, lower
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
 #: Of two research vehicles that hover indoors, the acceleration that no torque explains falls with about this
@@ -199,43 +197,40 @@ class External(NamedTuple):
     force: Triple
 
 
-NOTHING: Final = External((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+NOTHING: Final = External(ZERO, ZERO)
 
 
 class Surroundings:
     """Disturbances, what drives a tilt away or back, and a load that swings on a string below."""
 
-    def __init__(self, effects: Sequence[Effects], inertia: Triple, mass: Component, step_s: float) -> None:
-        stiffness = stacked([one.tilt_stiffness_1_s2 for one in effects])
+    def __init__(self, effects: Effects, inertia: Triple, mass: float, step_s: float) -> None:
+        stiffness = effects.tilt_stiffness_1_s2
         self._tilt = stiffness * inertia[0], stiffness * inertia[1]
-        self._load = mass * stacked([one.sling_load_fraction for one in effects])
-        self._length = stacked([one.sling_length_m for one in effects])
-        self._hook = stacked([one.sling_hook_m for one in effects])
+        self._load = mass * effects.sling_load_fraction
+        self._length = effects.sling_length_m
+        self._hook = effects.sling_hook_m
         self._step_s = step_s
-        self._swings = any(one.sling_load_fraction for one in effects)
-        self._tilts = any(one.tilt_stiffness_1_s2 for one in effects)
-        zero = 0.0 * self._load
         # Of the load from below the vehicle's centre of mass, north and east: place [m] and velocity [m/s].
-        self._place, self._velocity = (zero, zero), (zero, zero)
+        self._place, self._velocity = (0.0, 0.0), (0.0, 0.0)
 
     def act(self, attitude: Quadruple, acceleration: Triple, disturbance: Triple) -> External:
         """Return what acts over one control period, and let the load swing for it."""
-        if not (self._tilts or self._swings):
-            return External(disturbance, NOTHING.force)
+        if not (self._load or any(self._tilt)):
+            return External(disturbance, ZERO)
         w, x, y, z = attitude
         # The third row of the rotation from body to NED: where down is, in body axes.
         down_x, down_y = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
         L, M, N = disturbance
         L, M = L + self._tilt[0] * down_y, M - self._tilt[1] * down_x
-        if not self._swings:
-            return External((L, M, N), NOTHING.force)
+        if not self._load:
+            return External((L, M, N), ZERO)
         below = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x)
         north, east, down = self._swing(below, acceleration)
         across_x = (1.0 - 2.0 * (y * y + z * z)) * north + 2.0 * (x * y + w * z) * east + down_x * down
         across_y = 2.0 * (x * y - w * z) * north + (1.0 - 2.0 * (x * x + z * z)) * east + down_y * down
         return External((L - self._hook * across_y, M + self._hook * across_x, N), (north, east, down))
 
-    def _swing(self, below: tuple[Component, Component], acceleration: Triple) -> Triple:
+    def _swing(self, below: tuple[float, float], acceleration: Triple) -> Triple:
         """Move the load by a period; return the string's force on the vehicle in NED [N].
 
         `below` is where the body's z axis points, north and east; angles of the string are small.
@@ -257,40 +252,35 @@ class Surroundings:
 class Actuation:
     """What the rotors make of a torque command that the log takes for achieved."""
 
-    def __init__(self, effects: Sequence[Effects]) -> None:
-        self._dead = stacked([one.dead_zone for one in effects])
-        self._rotor_dead = stacked([one.rotor_dead_zone for one in effects])
-        self._limit = vector([np.array(one.torque_limit) for one in effects])
-        self._swing = stacked([one.gain_swing for one in effects])
-        self._period_s = stacked([one.gain_period_s for one in effects])
+    def __init__(self, effects: Effects) -> None:
+        self._dead, self._rotor_dead = effects.dead_zone, effects.rotor_dead_zone
+        self._limit = effects.torque_limit
+        self._swing, self._period_s = effects.gain_swing, effects.gain_period_s
         #: Whether there is anything to do.
-        self.present = any(
-            one.dead_zone or one.rotor_dead_zone or one.gain_swing or min(one.torque_limit) < 1.0
-            for one in effects
-        )
+        self.present = bool(self._dead or self._rotor_dead or self._swing or min(self._limit) < 1.0)
 
-    def error(self, torque: Triple, time_s: float, ops: Arithmetic) -> Triple:
+    def error(self, torque: Triple, time_s: float) -> Triple:
         """Return what the rotors give beyond the torque command [1]."""
         gain = 1.0 + self._swing * (1.0 - 2.0 * (time_s / self._period_s % 1.0 >= 0.5))
         return (
-            gain * self._passed(torque[0], self._limit[0], ops) - torque[0],
-            gain * self._passed(torque[1], self._limit[1], ops) - torque[1],
-            gain * self._passed(torque[2], self._limit[2], ops) - torque[2],
+            gain * self._passed(torque[0], self._limit[0]) - torque[0],
+            gain * self._passed(torque[1], self._limit[1]) - torque[1],
+            gain * self._passed(torque[2], self._limit[2]) - torque[2],
         )
 
-    def followed(self, thrusts: tuple[Component, ...], ops: Arithmetic) -> tuple[Component, ...]:
+    def followed(self, thrusts: tuple[float, ...]) -> tuple[float, ...]:
         """Return what each rotor follows: of differences from the mean, those beyond its dead zone."""
         mean = sum(thrusts[1:], thrusts[0]) / len(thrusts)
-        return tuple(mean + _beyond(each - mean, self._rotor_dead, ops) for each in thrusts)
+        return tuple(mean + _beyond(each - mean, self._rotor_dead) for each in thrusts)
 
-    def _passed(self, command: Component, limit: Component, ops: Arithmetic) -> Component:
+    def _passed(self, command: float, limit: float) -> float:
         """Take off the dead zone, and clip."""
-        moved = _beyond(command, self._dead, ops)
-        return ops.higher(ops.lower(moved, limit), -limit)
+        moved = _beyond(command, self._dead)
+        return higher(lower(moved, limit), -limit)
 
 
-def _beyond(command: Component, dead: Component, ops: Arithmetic) -> Component:
-    return command - ops.higher(ops.lower(command, dead), -dead)
+def _beyond(command: float, dead: float) -> float:
+    return command - higher(lower(command, dead), -dead)
 
 
 class FlexibleMode:
@@ -300,15 +290,13 @@ class FlexibleMode:
     high-pass of the body's.
     """
 
-    def __init__(self, effects: Sequence[Effects], loop_hz: float) -> None:
-        self._present = any(one.flexible_mode_hz for one in effects)
-        self._gain = stacked([one.flexible_mode_gain * bool(one.flexible_mode_hz) for one in effects])
-        parts = [
-            high_pass(one.flexible_mode_hz or 1.0, one.flexible_mode_damping, loop_hz) for one in effects
-        ]
-        self._biquad = Biquad(*(stacked([part[place] for part in parts]) for place in range(5)))
-        zero = 0.0 * self._gain
-        self._memory = ((zero, zero, zero), (zero, zero, zero))
+    def __init__(self, effects: Effects, loop_hz: float) -> None:
+        self._present = bool(effects.flexible_mode_hz)
+        self._gain = effects.flexible_mode_gain
+        self._biquad = Biquad(
+            *high_pass(effects.flexible_mode_hz or 1.0, effects.flexible_mode_damping, loop_hz)
+        )
+        self._memory = (ZERO, ZERO)
 
     def seen(self, rate: Triple) -> Triple:
         """Return the rate where the gyro is [rad/s]."""

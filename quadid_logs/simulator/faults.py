@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.maths.rotational_dynamics import Triple
-from quadid_logs.maths.rotations import Component
-from quadid_logs.simulator.control import Arithmetic, stacked
+from quadid_logs.simulator.control import higher, lower
 from quadid_logs.simulator.effects import Effects
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
@@ -32,36 +30,29 @@ class MotorFaults:
 
     Parameters
     ----------
-    effects : sequence of Effects
-        Of each flight.
+    effects : Effects
     n_rotors : int
     begin_s, end_s : float
         Of the manoeuvre, which the faults' times are fractions of.
     """
 
-    def __init__(self, effects: Sequence[Effects], n_rotors: int, begin_s: float, end_s: float) -> None:
+    def __init__(self, effects: Effects, n_rotors: int, begin_s: float, end_s: float) -> None:
         #: Whether there is anything to do.
-        self.present = any(one.motor_fault or one.desync_rotor for one in effects)
-        length_s = end_s - begin_s
-        self._n_rotors = n_rotors
+        self.present = bool(effects.motor_fault or effects.desync_rotor)
+        length_s, rotors = end_s - begin_s, range(1, n_rotors + 1)
         self._lost = [
-            stacked([(1.0 - one.motor_effectiveness) * (one.motor_fault == rotor + 1) for one in effects])
-            for rotor in range(n_rotors)
+            (1.0 - effects.motor_effectiveness) * (effects.motor_fault == rotor) for rotor in rotors
         ]
         # One that is there from the beginning is there before take-off.
-        self._from_s = stacked(
-            [begin_s + one.motor_fault_at * length_s if one.motor_fault_at else -1e9 for one in effects]
-        )
-        self._ramp_s = stacked([max(one.motor_ramp_s, 1e-9) for one in effects])
-        self._desync = [
-            stacked([1.0 * (one.desync_rotor == rotor + 1) for one in effects]) for rotor in range(n_rotors)
-        ]
-        self._desync_from_s = stacked([begin_s + one.desync_at * length_s for one in effects])
-        self._desync_s = stacked([one.desync_s for one in effects])
+        self._from_s = begin_s + effects.motor_fault_at * length_s if effects.motor_fault_at else -1e9
+        self._ramp_s = max(effects.motor_ramp_s, 1e-9)
+        self._desync = [1.0 * (effects.desync_rotor == rotor) for rotor in rotors]
+        self._desync_from_s = begin_s + effects.desync_at * length_s
+        self._desync_s = effects.desync_s
 
-    def speeds(self, wanted: tuple[Component, ...], time_s: float, ops: Arithmetic) -> tuple[Component, ...]:
+    def speeds(self, wanted: tuple[float, ...], time_s: float) -> tuple[float, ...]:
         """Return the speeds that the motors go to; thrust goes with their square [rad/s]."""
-        grown = ops.higher(ops.lower((time_s - self._from_s) / self._ramp_s, 1.0), 0.0)
+        grown = higher(lower((time_s - self._from_s) / self._ramp_s, 1.0), 0.0)
         since_s = time_s - self._desync_from_s
         stalled = 1.0 * (since_s >= 0.0) * (since_s < self._desync_s)
         return tuple(
@@ -75,28 +66,26 @@ class RotorVibration:
 
     Parameters
     ----------
-    effects : sequence of Effects
-        Of each flight: a bent propeller shakes more than the others.
-    line_rad_s : sequence of float
+    effects : Effects
+        A bent propeller shakes more than the others.
+    line_rad_s : float
         Root mean square of all rotors together about each axis.
     n_rotors : int
     loop_hz : float
     """
 
-    def __init__(
-        self, effects: Sequence[Effects], line_rad_s: Sequence[float], n_rotors: int, loop_hz: float
-    ) -> None:
-        alike = stacked(line_rad_s) * math.sqrt(2.0 / n_rotors)
+    def __init__(self, effects: Effects, line_rad_s: float, n_rotors: int, loop_hz: float) -> None:
+        alike = line_rad_s * math.sqrt(2.0 / n_rotors)
         self._sizes = [
-            alike + stacked([one.propeller_gyro_rad_s * (one.bent_propeller == rotor) for one in effects])
+            alike + effects.propeller_gyro_rad_s * (effects.bent_propeller == rotor)
             for rotor in range(1, n_rotors + 1)
         ]
         #: Whether there is anything to do.
-        self.present = any(np.any(size) for size in self._sizes)
+        self.present = any(self._sizes)
         self._step_s = 1.0 / loop_hz
-        self._turned: list[Component] = [_APART_RAD * place for place in range(n_rotors)]
+        self._turned = [_APART_RAD * place for place in range(n_rotors)]
 
-    def rates(self, speeds: tuple[Component, ...]) -> Triple:
+    def rates(self, speeds: tuple[float, ...]) -> Triple:
         """Return what is added to roll, pitch and yaw, and turn the propellers by a period."""
         self._turned = [
             turned + self._step_s * speed for turned, speed in zip(self._turned, speeds, strict=True)

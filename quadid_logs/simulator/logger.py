@@ -137,7 +137,7 @@ def log_flights(records: tuple[Record, ...], logging: Logging) -> FlightLog:
     SimulationError
         If the setup names an autopilot that is not simulated.
     """
-    setup = records[0].setups[0]
+    setup = records[0].setup
     kind = vendor(setup.autopilot)
     offsets = np.cumsum([0.0, *(record.time_s.size / setup.loop_hz for record in records)])
     fast = logging.rate_hz > kind.default_rate_hz
@@ -219,7 +219,7 @@ def _collect(
     """Take every n-th control period of all flights."""
     true, sampled, parts = [], [], []
     for record, offset in zip(records, offsets[:-1], strict=True):
-        setup = record.setups[0]
+        setup = record.setup
         rate = min(stream.rate_hz or logging.rate_hz, setup.loop_hz)
         index = np.arange(0, record.time_s.size, max(round(setup.loop_hz / rate), 1))
         late = np.maximum(index - round(stream.latency_s * setup.loop_hz), 0)
@@ -231,7 +231,7 @@ def _collect(
     inside = time >= logging.start_s
     for values in columns.values():
         inside &= np.isfinite(values).all(axis=1)
-    stamps = _stamp(time, records[0].setups[0], logging, float(offsets[-1]))
+    stamps = _stamp(time, records[0].setup, logging, float(offsets[-1]))
     return _MessageRows(stream=stream, true_s=time, stamp_s=stamps, values=columns).where(inside)
 
 
@@ -246,7 +246,7 @@ def _stamp(time_s: FloatArray, setup: Setup, logging: Logging, end_s: float) -> 
 
 def _values(stream: Stream, record: Record, index: IntArray) -> dict[str, FloatArray]:
     """Values of the stream's signals at control periods, as the effects let them reach the log."""
-    setup = record.setups[0]
+    setup = record.setup
     late = np.maximum(index - round(setup.effects.torque_late_s * setup.loop_hz), 0)
     values = {
         name: _signal_values(name, record, late if name in _OUTPUTS else index) for name, _ in stream.signals
@@ -261,7 +261,7 @@ def _values(stream: Stream, record: Record, index: IntArray) -> dict[str, FloatA
 
 def _signal_values(name: str, record: Record, index: IntArray) -> FloatArray:
     """One canonical signal from the recorded channels, in single precision like every log."""
-    setup, channels = record.setups[0], record.channels
+    setup, channels = record.setup, record.channels
     direct = {
         "body_rate": "gyro_filtered",
         "body_rate_setpoint": "setpoint",
@@ -310,7 +310,7 @@ def _in_flight(
     record: Record, manoeuvre: FloatArray, *, outside: float, loops_earlier: int = 0
 ) -> FloatArray:
     """Return a manoeuvre's values (n, n_columns) as part of the whole flight's (n_steps, n_columns)."""
-    setup = record.setups[0]
+    setup = record.setup
     values = np.full((record.time_s.size, manoeuvre.shape[1]), outside)
     begin = round(setup.schedule.manoeuvre_s * setup.loop_hz) - loops_earlier
     values[begin : begin + len(manoeuvre)] = manoeuvre
@@ -319,7 +319,7 @@ def _in_flight(
 
 def _specific_force(record: Record, index: IntArray) -> FloatArray:
     """Accelerometer in body axes: everything but gravity, with noise [m/s^2]."""
-    setup = record.setups[0]
+    setup = record.setup
     felt = record.channels["acceleration"][index] - np.array([0.0, 0.0, GRAVITY_M_S2])
     body = np.einsum("nij,ni->nj", rotation_matrix(record.channels["attitude"][index]), felt)
     sigma = setup.noise.accelerometer_m_s2_per_rthz * np.sqrt(0.5 * setup.loop_hz)
@@ -332,7 +332,7 @@ def _specific_force(record: Record, index: IntArray) -> FloatArray:
 
 def _pulse_width(record: Record, index: IntArray) -> FloatArray:
     """Whole microseconds per channel: spinning, idling when armed, or off."""
-    setup = record.setups[0]
+    setup = record.setup
     low, high, idle = pulse_widths(setup)
     time = record.time_s[index]
     spinning = (time >= setup.schedule.take_off_s) & (time < setup.schedule.disarm_s)
@@ -346,12 +346,12 @@ def _pulse_width(record: Record, index: IntArray) -> FloatArray:
 
 def _events(records: tuple[Record, ...], offsets: FloatArray, logging: Logging) -> list[_MessageRows]:
     """Rows where the log begins, and where the vehicle arms, takes off, lands and disarms."""
-    setup = records[0].setups[0]
+    setup = records[0].setup
     if setup.autopilot == "betaflight":
         return []
     armed, landed = [(0.0, 0.0)], [(0.0, 1.0)]
     for record, offset in zip(records, offsets[:-1].tolist(), strict=True):
-        schedule = record.setups[0].schedule
+        schedule = record.setup.schedule
         airborne_s = record.time_s[record.channels["height"][:, 0] > 0.05]
         armed += [(offset + schedule.arm_s, 1.0), (offset + schedule.disarm_s, 0.0)]
         if airborne_s.size:
@@ -428,12 +428,12 @@ def _parameter_changes(
     records: tuple[Record, ...], offsets: FloatArray, logging: Logging, row_s: FloatArray
 ) -> tuple[ParameterChange, ...]:
     """Gains that somebody changed in flight; at the end of it they are set back."""
-    setup = records[0].setups[0]
+    setup = records[0].setup
     later = parameters(setup, rate_hz=logging.rate_hz)
     first = parameters(dataclasses.replace(setup, tuning=before_change(setup)), rate_hz=logging.rate_hz)
     found = []
     for record, offset in zip(records, offsets[:-1].tolist(), strict=True):
-        flown = record.setups[0]
+        flown = record.setup
         moments = ((change_s(flown), first, later), (flown.schedule.end_s, later, first))
         for moment_s, old, new in moments[: 1 if record is records[-1] else 2]:
             time_s = np.array([round((offset + moment_s) * setup.loop_hz) / setup.loop_hz])
@@ -453,7 +453,7 @@ def _controller_terms(
     messages: list[_MessageRows], positions: list[IntArray], records: tuple[Record, ...]
 ) -> tuple[ControllerTerms, ...]:
     """Terms of the rate controllers in the rows of the message that holds the rates."""
-    setup = records[0].setups[0]
+    setup = records[0].setup
     is_px4 = setup.autopilot == "px4"
     carrier = "vehicle_angular_velocity" if is_px4 else "RATE"
     pairs = zip(messages, positions, strict=True)
@@ -494,11 +494,11 @@ def _modes(
     records: tuple[Record, ...], offsets: FloatArray, logging: Logging, row_s: FloatArray
 ) -> tuple[ModeChange, ...]:
     """Flight mode from the beginning, the test mode during torque injection, then landing."""
-    setup = records[0].setups[0]
+    setup = records[0].setup
     kind = vendor(setup.autopilot)
     changes: list[tuple[float, str]] = []
     for record, offset in zip(records, offsets[:-1].tolist(), strict=True):
-        flown = record.setups[0]
+        flown = record.setup
         mode, landing = kind.flight_mode if flown.position is None else kind.position_mode, kind.landing_mode
         if kind.angle_mode and flown.reference.asks_for_angles:
             mode = landing = kind.angle_mode

@@ -6,11 +6,9 @@ Source: Betaflight 2025.12, ``pid.c`` (``pidApplyThrustLinearization``) and ``mi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from quadid_logs.maths.rotations import Component
-from quadid_logs.simulator.control import Arithmetic, stacked
+from quadid_logs.simulator.control import higher, lower
 from quadid_logs.simulator.effects import Effects
 
 #: Of a cell [V]: full (``CELL_VOLTAGE_FULL_CV``), and the warning's default, where nothing is held back.
@@ -23,51 +21,48 @@ class OutputCurve(NamedTuple):
 
     Attributes
     ----------
-    linearisation, sag_compensation : float or ndarray
+    linearisation, sag_compensation : float
     present : bool
         Whether either of them does anything.
     """
 
-    linearisation: Component
-    sag_compensation: Component
+    linearisation: float
+    sag_compensation: float
     present: bool
 
-    def output(self, thrust: Component, voltage: Component, ops: Arithmetic) -> Component:
+    def output(self, thrust: float, voltage: float) -> float:
         """Return a motor's output (0 to 1) for the fraction that the mixer asks for.
 
         Parameters
         ----------
-        voltage : float or ndarray
+        voltage : float
             Of the battery over that of a full one.
         """
         rest = 1.0 - thrust
-        held = self.held_back(voltage, ops)
+        held = self.held_back(voltage)
         return (1.0 - held) * thrust * (1.0 + self.linearisation * rest * rest)
 
-    def held_back(self, voltage: Component, ops: Arithmetic) -> Component:
+    def held_back(self, voltage: float) -> float:
         """Return which part of the outputs' range is kept for an empty battery."""
         part = 1.0 - CELL_WARNING_V / CELL_FULL_V
-        left = 1.0 - ops.lower(ops.higher((1.0 - voltage) / part, 0.0), 1.0)
+        left = 1.0 - lower(higher((1.0 - voltage) / part, 0.0), 1.0)
         return self.sag_compensation * part * left
 
-    def throttle(self, throttle: Component) -> Component:
+    def throttle(self, throttle: float) -> float:
         """Return the throttle lowered so that the linearisation does not raise a hover's outputs."""
         e, rest = self.linearisation, 1.0 - throttle
         return throttle / (1.0 + (e - 0.5 * e * e) * rest * rest)
 
 
-def output_curve(effects: Sequence[Effects], *, wanted: bool) -> OutputCurve:
-    """Collect the curve of all flights; that of firmware without one does nothing.
+def output_curve(effects: Effects, *, wanted: bool) -> OutputCurve:
+    """Return the curve of a flight; that of firmware without one does nothing.
 
     Parameters
     ----------
     wanted : bool
         The firmware has these settings.
     """
-    present = wanted and any(one.thrust_linear or one.sag_compensation for one in effects)
-    amount = 1.0 if present else 0.0
-    return OutputCurve(
-        stacked([amount * one.thrust_linear for one in effects]),
-        stacked([amount * one.sag_compensation for one in effects]),
-        present,
-    )
+    if not wanted:
+        return OutputCurve(0.0, 0.0, present=False)
+    amounts = effects.thrust_linear, effects.sag_compensation
+    return OutputCurve(*amounts, present=any(amounts))

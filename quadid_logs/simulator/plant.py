@@ -1,8 +1,4 @@
-"""The vehicle's physics over one control period: rotors, rotation, translation.
-
-All quantities are components: floats for one flight, arrays of one value per
-flight for many (see `maths.rotational_dynamics`).
-"""
+"""The vehicle's physics over one control period: rotors, rotation, translation."""
 
 from __future__ import annotations
 
@@ -15,11 +11,11 @@ from quadid_logs.maths.rotational_dynamics import (
     step_attitude,
     step_rates,
 )
-from quadid_logs.maths.rotations import Component
+from quadid_logs.simulator.control import ZERO
 from quadid_logs.simulator.effects import NOTHING, External
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
-Rotors = tuple[Component, ...]
+Rotors = tuple[float, ...]
 
 
 class Body(NamedTuple):
@@ -30,16 +26,16 @@ class Body(NamedTuple):
     """
 
     step_s: float
-    mass: Component
+    mass: float
     inertia: InertiaTerms
     damping: Triple
     thrust_per_speed2: Rotors
     arms: tuple[Triple, ...]
-    decay_up: tuple[Component, Component]
-    decay_down: tuple[Component, Component]
-    drag: Component
-    drag_area: Component
-    drag_height: Component
+    decay_up: tuple[float, float]
+    decay_down: tuple[float, float]
+    drag: float
+    drag_area: float
+    drag_height: float
     rotor_inertia: Rotors = ()
 
 
@@ -47,7 +43,7 @@ class Wrench(NamedTuple):
     """Torque about the centre of mass [N m] and thrust along -z [N]."""
 
     torque: Triple
-    thrust: Component
+    thrust: float
 
 
 class State(NamedTuple):
@@ -61,22 +57,21 @@ class State(NamedTuple):
     attitude: Quadruple
     velocity: Triple
     acceleration: Triple
-    height: Component
+    height: float
     speeds: Rotors
     wrench: Wrench
 
 
-def at_rest(n_rotors: int, zero: Component) -> State:
-    """Stand level on the ground with still rotors; `zero` is 0.0 or an array of zeros."""
-    nothing = (zero, zero, zero)
+def at_rest(n_rotors: int) -> State:
+    """Stand level on the ground with still rotors."""
     return State(
-        rate=nothing,
-        attitude=(zero + 1.0, zero, zero, zero),
-        velocity=nothing,
-        acceleration=nothing,
-        height=zero,
-        speeds=(zero,) * n_rotors,
-        wrench=Wrench(nothing, zero),
+        rate=ZERO,
+        attitude=(1.0, 0.0, 0.0, 0.0),
+        velocity=ZERO,
+        acceleration=ZERO,
+        height=0.0,
+        speeds=(0.0,) * n_rotors,
+        wrench=Wrench(ZERO, 0.0),
     )
 
 
@@ -166,8 +161,8 @@ def _drag(state: State, wind: Triple, body: Body) -> tuple[Triple, Triple]:
 
 
 def _settled(
-    state: State, rate: Triple, attitude: Quadruple, acceleration: Triple, free: Component, step_s: float
-) -> tuple[Triple, Quadruple, Triple, Triple, Component]:
+    state: State, rate: Triple, attitude: Quadruple, acceleration: Triple, free: float, step_s: float
+) -> tuple[Triple, Quadruple, Triple, Triple, float]:
     """Move on where `free` is 1; where it is 0, the ground holds the vehicle as it stands.
 
     Returns rate, attitude, velocity, acceleration and height.

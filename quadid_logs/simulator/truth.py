@@ -12,7 +12,7 @@ from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.maths.rotational_dynamics import PRODUCTS, gyroscopic_matrix
 from quadid_logs.simulator.airframes import SimulatedAirframe
 from quadid_logs.simulator.closed_loop import Record, Setup, mixer_factors
-from quadid_logs.simulator.control import arithmetic, throttle_for_thrust, thrust_of_throttle
+from quadid_logs.simulator.control import throttle_for_thrust, thrust_of_throttle
 from quadid_logs.simulator.outputs import output_curve
 
 _TARGETS = ["p_dot", "q_dot", "r_dot"]
@@ -34,13 +34,13 @@ def flight_truth(records: tuple[Record, ...], *, scenario: str, boot_s: float) -
     dict
         Ready for JSON.
     """
-    setup = records[0].setups[0]
+    setup = records[0].setup
     in_manoeuvre = _manoeuvre(records[0])
     rate, command = (records[0].channels[name][in_manoeuvre] for name in ("rate", "command"))
     noise = setup.noise
     segments, begin = [], boot_s
     for record in records:
-        own = record.setups[0]
+        own = record.setup
         segments.append([begin + own.schedule.manoeuvre_s, begin + own.schedule.land_s])
         begin += record.time_s.size / own.loop_hz
     return {
@@ -81,7 +81,7 @@ def flight_truth(records: tuple[Record, ...], *, scenario: str, boot_s: float) -
 
 def _manoeuvre(record: Record) -> BoolArray:
     """Control periods between take-off and landing."""
-    schedule = record.setups[0].schedule
+    schedule = record.setup.schedule
     return (record.time_s >= schedule.manoeuvre_s) & (record.time_s < schedule.land_s)
 
 
@@ -154,7 +154,7 @@ def torque_per_command(record: Record) -> FloatArray:
     The chain mixer, thrust curve, battery is linearised at the mean thrust
     fraction and the mean voltages; lag and mixer limits are not part of it.
     """
-    setup = record.setups[0]
+    setup = record.setup
     airframe, means = setup.airframe, _means(record, _manoeuvre(record))
     factors = mixer_factors(airframe, setup.autopilot)[:, :3]
     slope = _thrust_slope(setup, means)
@@ -172,12 +172,12 @@ def _thrust_slope(setup: Setup, means: dict[str, float]) -> float:
     else:
         argument, divisor = means["thrust_fraction"], 1.0
 
-    curve = output_curve([setup.effects], wanted=setup.autopilot == "betaflight")
+    curve = output_curve(setup.effects, wanted=setup.autopilot == "betaflight")
 
     def thrust(value: float) -> float:
         throttle = throttle_for_thrust(value, expo) / divisor
         if curve.present:
-            throttle = float(curve.output(value, means["battery_ratio"], arithmetic(1)))
+            throttle = float(curve.output(value, means["battery_ratio"]))
         effective = throttle * means["battery_ratio"]
         return float(airframe.max_thrust_n * thrust_of_throttle(effective, airframe.thrust_expo))
 

@@ -45,7 +45,7 @@ def analysed(flown: Record, tmp_path_factory: pytest.TempPathFactory) -> Result:
 
 def effectiveness(record: Record) -> FloatArray:
     """Least squares of the flight's true control acceleration on the mixer's sums, on the axes."""
-    setup, channels = record.setups[0], record.channels
+    setup, channels = record.setup, record.channels
     rows = (record.time_s > setup.schedule.manoeuvre_s) & (record.time_s < setup.schedule.land_s)
     frame = setup.airframe
     thrust = frame.rotor_thrust_n * thrust_of_throttle(

@@ -73,7 +73,7 @@ def true_loop(record: Record) -> OuterLoop:
 
     The effectiveness sags with the battery where the firmware does not make up for it: PX4 by 3.7 % here.
     """
-    (flight,) = record.setups
+    flight = record.setup
     hold, truth = flight.position, flight_truth((record,), scenario="", boot_s=0.0)
     assert hold is not None
     command = AttitudeCommand(lags_s=(hold.lag_s,) if hold.lag_s else (), forward=hold.lag_s > 0.0)

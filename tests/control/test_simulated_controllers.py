@@ -14,7 +14,7 @@ from quadid_logs.data.log import FlightLog
 from quadid_logs.load import load
 from quadid_logs.simulator import simulate
 from quadid_logs.simulator.closed_loop import Tuning
-from quadid_logs.simulator.control import Gains, arithmetic, rate_law, reset_rates
+from quadid_logs.simulator.control import Gains, rate_law, reset_rates
 from quadid_logs.writers import write_log
 from tests.control.flown_controller import AP_PID, ap_pid, motion
 from tests.marks import thorough_but
@@ -99,11 +99,11 @@ def weight(cutoff_hz: float) -> float:
 
 def run(autopilot: str, used: Gains, target: np.ndarray, rate: np.ndarray, limited: np.ndarray) -> np.ndarray:
     """Return P, I, D of the simulator's law over a series; shape (n, 3)."""
-    law, ops = rate_law(autopilot), arithmetic(1)
-    memory = reset_rates((target[0],) * 3, (rate[0],) * 3, 0.0)[0]
+    law = rate_law(autopilot)
+    memory = reset_rates((target[0],) * 3, (rate[0],) * 3)[0]
     rows = [(memory.proportional, memory.integral, memory.derivative)]
     for r, w, stopped in zip(target[1:], rate[1:], limited[1:], strict=True):
-        memory = law(float(r), float(w), memory, used, 0, float(stopped), ops)
+        memory = law(float(r), float(w), memory, used, 0, float(stopped))
         rows.append((memory.proportional, memory.integral, memory.derivative))
     return np.array(rows)
 

@@ -55,7 +55,7 @@ def flown() -> tuple[Record, FlightLog, Result]:
 
 def speeds_hz(record: Record) -> np.ndarray:
     """Return the mean speed of the rotors in the manoeuvre."""
-    schedule = record.setups[0].schedule
+    schedule = record.setup.schedule
     rows = slice(round(schedule.manoeuvre_s * LOOP_HZ), round(schedule.land_s * LOOP_HZ), 50)
     return np.asarray(record.channels["rotor_speed"][rows].mean(axis=1) / (2.0 * np.pi))
 
@@ -72,7 +72,7 @@ def true_notch(record: Record) -> MeanFilter:
 
 def true_loop_deg(result: Result, record: Record, axis: int, *, notched: bool = True) -> float:
     """Return the phase margin of the loop that the simulator flew."""
-    setup = record.setups[0]
+    setup = record.setup
     controller = true_controller(setup, axis)
     if notched:
         controller = replace(controller, gyro=(true_notch(record), *controller.gyro))

@@ -94,17 +94,6 @@ def test_both_integrators_agree_under_torque():
     np.testing.assert_allclose(first, second, atol=1e-9)
 
 
-def test_a_batch_flies_like_its_members():
-    """Two bodies at once move exactly like one after the other."""
-    time = np.arange(0.0, 1.0, 0.0025)
-    tensors = np.stack([FULL, np.diag([0.01, 0.02, 0.03])])
-    starts = np.array([[1.0, 2.0, 3.0], [-1.0, 0.5, 0.2]])
-    both, _ = integrate_fixed_step(tensors, lambda _t: np.zeros((2, 3)), time, rate_rad_s=starts)
-    for i in range(2):
-        alone, _ = integrate_fixed_step(tensors[i], free, time, rate_rad_s=starts[i])
-        np.testing.assert_allclose(both[:, i], alone, rtol=1e-12)
-
-
 @given(vectors, vectors)
 def test_the_equation_is_linear_in_the_products_of_rates_and_the_torques(rate, torque):
     """Eq. (8) equals `gyroscopic_matrix` times the six products plus J^-1 times the torque."""

@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from quadid_logs.autopilots.ardupilot.frames import frame_geometry, known_frames
-from quadid_logs.errors import SimulationError
 from quadid_logs.maths.frames import torque_matrix
 from quadid_logs.maths.rotational_dynamics import inertia_terms
-from quadid_logs.simulator import SCENARIOS, fly, fly_many, plan_flights
+from quadid_logs.simulator import SCENARIOS, fly, plan_flights
 from quadid_logs.simulator.airframes import SimulatedAirframe, layout, quad_x
 from quadid_logs.simulator.closed_loop import Noise, mixer_factors, torque_gain
 from quadid_logs.simulator.control import (
     Mixer,
-    arithmetic,
     butterworth,
     filter_rates,
     mix,
@@ -48,7 +46,7 @@ def setup_of(name, *, seed=1, duration_s=15.0, **changes):
 
 def manoeuvre(record):
     """Rows of the manoeuvre."""
-    schedule = record.setups[0].schedule
+    schedule = record.setup.schedule
     return (record.time_s >= schedule.manoeuvre_s + 0.5) & (record.time_s < schedule.land_s - 0.5)
 
 
@@ -74,7 +72,7 @@ def test_a_rotor_answers_a_step_as_a_first_order_lag():
     """After one time constant 63.2 % of the speed step is made, whatever the control period."""
     airframe = quad_x()
     for step_s in (0.0025, 0.006):
-        body, state = body_of(airframe, step_s), at_rest(4, 0.0)
+        body, state = body_of(airframe, step_s), at_rest(4)
         speeds = []
         for _ in range(60):
             state = advance(state, (500.0,) * 4, (0.0, 0.0, 0.0), body)
@@ -87,7 +85,7 @@ def test_thrust_and_drag_torque_go_with_the_square_of_the_speed():
     """Twice the speed, four times the thrust and yaw torque."""
     airframe, rows = quad_x(), []
     for speed in (200.0, 400.0):
-        state = at_rest(4, 0.0)._replace(speeds=(speed, speed, 0.0, 0.0))
+        state = at_rest(4)._replace(speeds=(speed, speed, 0.0, 0.0))
         end = advance(state, (speed, speed, 0.0, 0.0), (0.0, 0.0, 0.0), body_of(airframe, 0.0025))
         rows.append((end.wrench.thrust, end.wrench.torque[2]))
     assert rows[1][0] == pytest.approx(4.0 * rows[0][0])
@@ -97,7 +95,7 @@ def test_thrust_and_drag_torque_go_with_the_square_of_the_speed():
 
 def test_a_vehicle_without_lift_stays_on_the_ground():
     """Gravity does not pull it into the ground."""
-    state = at_rest(4, 0.0)
+    state = at_rest(4)
     for _ in range(100):
         state = advance(state, (100.0,) * 4, (0.0, 0.0, 0.0), body_of(quad_x(), 0.0025))
     assert state.height == 0.0
@@ -111,7 +109,7 @@ def test_the_mixer_achieves_what_fits(key):
     columns = [tuple(column) for column in frame.mixer.T.tolist()]
     mixer = Mixer(*columns, (1.0,) * frame.n_rotors, hover=0.45)
     command = (0.06, -0.05, 0.04)
-    mixed = mix(command, 0.45, mixer, arithmetic(1))
+    mixed = mix(command, 0.45, mixer)
     assert mixed.limited == 0.0
     thrust = np.array(mixed.thrust)
     np.testing.assert_allclose(thrust - thrust.mean(), frame.mixer @ command - (frame.mixer @ command).mean())
@@ -122,7 +120,7 @@ def test_the_mixer_achieves_what_fits(key):
 def test_the_mixer_keeps_every_motor_in_range_and_says_so(command):
     """Too much yaw is clipped, too much of all is scaled; no motor leaves 0 to 1."""
     columns = [tuple(column) for column in frame_geometry(1, 1).mixer.T.tolist()]
-    mixed = mix(command, 0.45, Mixer(*columns, (1.0,) * 4, hover=0.45), arithmetic(1))
+    mixed = mix(command, 0.45, Mixer(*columns, (1.0,) * 4, hover=0.45))
     assert mixed.limited == 1.0
     assert min(mixed.thrust) >= 0.0
     assert max(mixed.thrust) <= 1.0
@@ -176,8 +174,8 @@ def test_frames_of_every_class_hover(key):
     record = fly(dataclasses.replace(setup, reference=reference))
     rows = manoeuvre(record)
     assert np.abs(record.channels["rate"]).max() < 4.0
-    assert np.abs(record.channels["height"][rows, 0] - record.setups[0].schedule.height_m).max() < 1.5
-    landing = np.flatnonzero(record.time_s < record.setups[0].schedule.land_s)[-1]
+    assert np.abs(record.channels["height"][rows, 0] - record.setup.schedule.height_m).max() < 1.5
+    landing = np.flatnonzero(record.time_s < record.setup.schedule.land_s)[-1]
     assert np.abs(record.channels["attitude"][landing, 1:3]).max() < 0.2
 
 
@@ -196,32 +194,6 @@ def test_the_same_seed_flies_the_same_flight():
     assert not np.array_equal(first["gyro"], other["gyro"])
 
 
-@pytest.mark.thorough
-def test_a_batch_flies_what_its_members_fly_alone():
-    """Different vehicles, seeds and manoeuvres at once give the single flights, up to single precision."""
-    setups = [
-        setup_of(name, seed=seed)
-        for seed, name in enumerate(("sysid-quad-x", "products-of-inertia", "saturation"), start=1)
-    ]
-    # A coarse gyro turns a rounding error into a whole step of its own; a fine one does not.
-    setups = [
-        dataclasses.replace(s, noise=dataclasses.replace(s.noise, gyro_resolution_rad_s=1e-9)) for s in setups
-    ]
-    together = fly_many(setups)
-    for flight, setup in enumerate(setups):
-        alone = fly(setup)
-        for name in ("gyro_filtered", "command", "attitude", "limited"):
-            np.testing.assert_allclose(
-                together.channels[name][flight], alone.channels[name], atol=2e-5, err_msg=name
-            )
-
-
-def test_a_batch_of_unequal_flights_is_refused():
-    """Flights of different length cannot run in one loop."""
-    with pytest.raises(SimulationError, match="same number of rotors"):
-        fly_many([setup_of("hover"), setup_of("hover", duration_s=16.0)])
-
-
 def test_newton_and_euler_hold_for_what_is_recorded():
     """The recorded torque explains the recorded rates' derivative by eq. (8) with damping."""
     calm = dataclasses.replace(quad_x(), drag_n_s_m=0.0, drag_area_m2=0.0)
@@ -229,7 +201,7 @@ def test_newton_and_euler_hold_for_what_is_recorded():
     rate, torque = record.channels["rate"], record.channels["torque"]
     J, damping = calm.inertia_kg_m2, calm.rate_damping_n_m_s
     rows = manoeuvre(record)
-    step_s = 1.0 / record.setups[0].loop_hz
+    step_s = 1.0 / record.setup.loop_hz
     explained = np.linalg.solve(J, (torque - damping * rate - np.cross(rate, rate @ J)).T).T
     # Simpson's rule over two periods; the rotors' response has a kink at every period's beginning.
     gained = rate[2:] - rate[:-2]
@@ -271,7 +243,7 @@ def test_ardupilots_gain_does_not_depend_on_the_battery():
     """Its compensation cancels the voltage: the true gain is that of a full battery."""
     record = fly(setup_of("sysid-quad-x"))
     np.testing.assert_allclose(
-        torque_per_command(record), torque_gain(record.setups[0].airframe, "ardupilot"), rtol=2e-3, atol=1e-9
+        torque_per_command(record), torque_gain(record.setup.airframe, "ardupilot"), rtol=2e-3, atol=1e-9
     )
 
 
@@ -323,7 +295,7 @@ def test_drag_grows_with_airspeed_and_its_square_and_attacks_above_the_centre_of
     """-(d v + rho / 2 A v^2) along the airspeed; blown from ahead, the nose rises."""
     frame = dataclasses.replace(quad_x(), drag_n_s_m=0.3, drag_area_m2=0.02, drag_height_m=0.05)
     body = body_of(frame, 1e-4)._replace(drag=0.3, drag_area=0.02, drag_height=0.05)
-    state = at_rest(4, 0.0)._replace(height=100.0, velocity=(7.0, 0.0, 0.0))
+    state = at_rest(4)._replace(height=100.0, velocity=(7.0, 0.0, 0.0))
     moved = advance(state, (0.0,) * 4, (3.0, 0.0, 0.0), body)
     drag = 0.3 * 4.0 + 0.5 * 1.225 * 0.02 * 4.0**2
     np.testing.assert_allclose(moved.acceleration, [-drag / frame.mass_kg, 0.0, 9.80665], atol=1e-6)
@@ -336,7 +308,7 @@ def test_the_gyro_noise_has_its_density():
     noise = Noise(gyro_rad_s_per_rthz=1e-3, gyro_bias_rad_s=(0.1, -0.2, 0.3), gyro_resolution_rad_s=1e-12)
     record = fly(setup_of("hover", noise=noise))
     error = record.channels["gyro"] - record.channels["rate"]
-    highest_hz = 0.5 * record.setups[0].loop_hz
+    highest_hz = 0.5 * record.setup.loop_hz
     np.testing.assert_allclose(error.std(axis=0), 1e-3 * np.sqrt(highest_hz), rtol=0.03)
 
 
@@ -352,7 +324,7 @@ def test_the_voltage_falls_with_the_charge_and_with_the_current():
     """Current as thrust to the power 1.5, every tenth of a second."""
     frame = dataclasses.replace(quad_x(), battery=dataclasses.replace(quad_x().battery, sag=30.0))
     record = fly(setup_of("sysid-quad-x", airframe=frame))
-    battery, every = frame.battery, round(0.1 * record.setups[0].loop_hz)
+    battery, every = frame.battery, round(0.1 * record.setup.loop_hz)
     speed = record.channels["rotor_speed"][::every]
     thrust = np.sum(frame.rotor_thrust_n * (speed / frame.rotor_speed_max_rad_s) ** 2, axis=1)
     current = battery.hover_current_a * (thrust / (frame.mass_kg * 9.80665)) ** 1.5
@@ -375,7 +347,7 @@ def test_rotors_that_slow_down_slowly_have_the_longer_time_constant_on_the_way_d
     airframe = quad_x()
     up, down = (tuple(np.exp(-part * 0.0025 / lag) for part in (0.5, 1.0)) for lag in (0.02, 0.2))
     body = body_of(airframe, 0.0025)._replace(decay_up=up, decay_down=down)
-    state = at_rest(4, 0.0)._replace(speeds=(100.0, 900.0, 500.0, 500.0))
+    state = at_rest(4)._replace(speeds=(100.0, 900.0, 500.0, 500.0))
     moved = advance(state, (500.0,) * 4, (0.0, 0.0, 0.0), body)
     expected = (500.0 - 400.0 * up[1], 500.0 + 400.0 * down[1], 500.0, 500.0)
     np.testing.assert_allclose(moved.speeds, expected, rtol=1e-12)

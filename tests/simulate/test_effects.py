@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 from quadid_logs.maths.rotations import quaternion_from_euler
-from quadid_logs.simulator import fly, fly_many
+from quadid_logs.simulator import fly
 from quadid_logs.simulator.airframes import quad_x
 from quadid_logs.simulator.closed_loop import _body, torque_gain
-from quadid_logs.simulator.control import arithmetic
 from quadid_logs.simulator.effects import (
     FIELDS,
     Actuation,
@@ -53,7 +52,7 @@ STILL = (0.0, 0.0, 0.0)
 
 def surroundings(effects):
     """What acts on a vehicle of 2 kg with a moment of inertia of 0.02 and 0.03 kg m^2."""
-    return Surroundings([effects], (0.02, 0.03, 0.04), 2.0, PERIOD_S)
+    return Surroundings(effects, (0.02, 0.03, 0.04), 2.0, PERIOD_S)
 
 
 def attitude(roll, pitch):
@@ -144,7 +143,7 @@ def test_a_load_carried_along_pulls_back():
 def test_a_force_from_outside_accelerates_the_vehicle():
     """By its size over the mass, in NED."""
     frame = dataclasses.replace(quad_x(), drag_n_s_m=0.0, drag_area_m2=0.0)
-    state = at_rest(4, 0.0)._replace(height=100.0)
+    state = at_rest(4)._replace(height=100.0)
     outside = surroundings(Effects()).act(LEVEL, STILL, STILL)._replace(force=(3.0, -1.5, 0.75))
     moved = advance(state, (0.0,) * 4, STILL, body_of(frame, PERIOD_S), outside)
     np.testing.assert_allclose(moved.acceleration, [3.0 / 1.5, -1.0, 9.80665 + 0.5], atol=1e-9)
@@ -153,30 +152,28 @@ def test_a_force_from_outside_accelerates_the_vehicle():
 @pytest.mark.parametrize(("command", "given"), [(0.005, 0.0), (-0.03, -0.01), (0.5, 0.48)])
 def test_a_dead_zone_is_taken_off_every_command(command, given):
     """On both sides, and nothing is left of a command that is smaller."""
-    error = Actuation([Effects(dead_zone=0.02)]).error((command, 0.0, 0.0), 0.0, arithmetic(1))
+    error = Actuation(Effects(dead_zone=0.02)).error((command, 0.0, 0.0), 0.0)
     np.testing.assert_allclose(command + error[0], given, atol=1e-12)
 
 
 def test_a_rotor_follows_only_what_differs_enough_from_the_mean():
     """The mean is followed at once."""
-    actuation = Actuation([Effects(rotor_dead_zone=0.02)])
-    followed = actuation.followed((0.51, 0.49, 0.55, 0.45), arithmetic(1))
+    actuation = Actuation(Effects(rotor_dead_zone=0.02))
+    followed = actuation.followed((0.51, 0.49, 0.55, 0.45))
     np.testing.assert_allclose(followed, [0.5, 0.5, 0.53, 0.47], atol=1e-12)
 
 
 def test_each_axis_has_its_own_hidden_limit():
     """A command within it is followed."""
-    limited = Actuation([Effects(torque_limit=(0.1, 0.2, 0.3))])
-    error = limited.error((0.25, -0.25, 0.25), 0.0, arithmetic(1))
+    limited = Actuation(Effects(torque_limit=(0.1, 0.2, 0.3)))
+    error = limited.error((0.25, -0.25, 0.25), 0.0)
     np.testing.assert_allclose(error, [-0.15, 0.05, 0.0], atol=1e-12)
 
 
 def test_a_gain_alternates_by_half_periods():
     """Up first, then down."""
-    swinging = Actuation([Effects(gain_swing=0.2, gain_period_s=4.0)])
-    errors = [
-        swinging.error((0.1, 0.0, 0.0), time_s, arithmetic(1))[0] for time_s in (0.5, 1.9, 2.1, 3.9, 4.1)
-    ]
+    swinging = Actuation(Effects(gain_swing=0.2, gain_period_s=4.0))
+    errors = [swinging.error((0.1, 0.0, 0.0), time_s)[0] for time_s in (0.5, 1.9, 2.1, 3.9, 4.1)]
     np.testing.assert_allclose(errors, [0.02, 0.02, -0.02, -0.02, 0.02], atol=1e-12)
 
 
@@ -199,7 +196,7 @@ def test_rotors_that_slow_down_slowly_are_those_of_an_airframe_that_does():
     slow = setup_of("slow-motors", effects=Effects(spin_down_ratio=2.0))
     frame = dataclasses.replace(slow.airframe, lag_down_s=2.0 * slow.airframe.lag_down_s)
     same = setup_of("slow-motors", airframe=frame)
-    assert _body((slow,)).decay_down == _body((same,)).decay_down
+    assert _body(slow).decay_down == _body(same).decay_down
     assert actuator_truth(slow) == actuator_truth(same)
     assert actuator_truth(slow)["lag_down_s"] == pytest.approx(0.14)
 
@@ -230,14 +227,14 @@ def test_a_firmware_with_another_expo_hovers_where_its_parameter_says():
     named = log_flights((record,), Logging()).parameters["MOT_THST_HOVER"]
     flown = record.channels["throttle"][manoeuvre(record)].mean()
     assert flown == pytest.approx(named, rel=0.01)
-    assert abs(named - record.setups[0].airframe.hover_throttle) > 0.03
+    assert abs(named - record.setup.airframe.hover_throttle) > 0.03
 
 
 @pytest.mark.parametrize(("frequency_hz", "gain"), [(3.0, 0.2), (6.0, -0.1), (20.0, 0.3)])
 def test_the_gyro_sees_the_body_s_rate_and_a_part_of_the_mode_s(frequency_hz, gain):
     """The frequency response of 1 - g s^2 / (s^2 + 2 z w s + w^2)."""
     mode = FlexibleMode(
-        [Effects(flexible_mode_hz=6.0, flexible_mode_damping=0.15, flexible_mode_gain=gain)], 4000.0
+        Effects(flexible_mode_hz=6.0, flexible_mode_damping=0.15, flexible_mode_gain=gain), 4000.0
     )
     time_s = np.arange(24_000) / 4000.0
     wave = np.exp(2j * np.pi * frequency_hz * time_s)
@@ -295,29 +292,12 @@ def test_every_field_belongs_to_one_effect():
     assert sorted(listed) == sorted(field.name for field in dataclasses.fields(Effects))
 
 
-@pytest.mark.thorough
-def test_a_batch_with_effects_flies_what_its_members_fly_alone():
-    """One flight has all effects, and one has none."""
-    fine = dataclasses.replace(SILENT, gyro_resolution_rad_s=1e-9)
-    setups = [
-        setup_of("sysid-quad-x", seed=seed, noise=fine, effects=effects)
-        for seed, effects in enumerate((ALL, Effects()))
-    ]
-    together = fly_many(setups)
-    for flight, setup in enumerate(setups):
-        alone = fly(setup)
-        for name in ("gyro_filtered", "command", "attitude"):
-            np.testing.assert_allclose(
-                together.channels[name][flight], alone.channels[name], atol=5e-5, err_msg=name
-            )
-
-
 def test_a_bent_propeller_shakes_the_gyro_more_than_the_others_and_at_its_own_speed():
     """One model of imbalance: every rotor has its line, and the bent one adds to its own."""
     from quadid_logs.simulator.faults import RotorVibration
 
     speeds = tuple(2.0 * np.pi * hz for hz in (60.0, 70.0, 80.0, 90.0))
-    vibration = RotorVibration([Effects(bent_propeller=2)], [0.1], 4, 1000.0)
+    vibration = RotorVibration(Effects(bent_propeller=2), 0.1, 4, 1000.0)
     roll = np.array([vibration.rates(speeds)[0] for _ in range(1000)])
     lines = 2.0 * np.abs(np.fft.rfft(roll))[[60, 70, 80, 90]] / 1000.0
     alike = 0.1 * np.sqrt(0.5)
