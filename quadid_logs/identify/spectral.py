@@ -778,24 +778,37 @@ class AxisMoments:
         return self.white(self.of_commanded(actuator))
 
     def prepare(self) -> None:
-        """Whiten what does not change with the actuator."""
+        """Whiten what does not change with the actuator, and solve for it."""
         self._solved = {}
         self._targets = np.concatenate([self.white(self.of_acceleration), self.prior / self.spread])
-        self._columns = np.column_stack([self.white(each) for each in self.of_regressors])
-        self._priors = np.column_stack([np.zeros(len(self.spread)), np.diag(1.0 / self.spread)])
+        self._fixed = np.vstack(
+            [np.column_stack([self.white(each) for each in self.of_regressors]), np.diag(1.0 / self.spread)]
+        )
+        self._basis, triangle = np.linalg.qr(self._fixed)
+        self._by_basis = np.linalg.solve(triangle, self._basis.T)
+        self._left_by_fixed = self._targets - self._basis @ (self._basis.T @ self._targets)
 
     def system(self, actuator: SharedActuator) -> tuple[FloatArray, FloatArray]:
         """Return the linear equations for [B, A, c, o, o, a.., e], their priors below."""
-        columns = np.column_stack([self.white_commanded(actuator), self._columns])
-        return np.vstack([columns, self._priors]), self._targets
+        return np.column_stack([self._column(actuator), self._fixed]), self._targets
+
+    def _column(self, actuator: SharedActuator) -> FloatArray:
+        """Return the column of the torque behind an actuator; it has no prior."""
+        return np.concatenate([self.white_commanded(actuator), np.zeros(len(self.spread))])
 
     def solved(self, actuator: SharedActuator) -> tuple[FloatArray, FloatArray]:
-        """Return [B, A, c, o, o, a.., e] and what they leave of the whitened system."""
+        """Return [B, A, c, o, o, a.., e] and what they leave of the whitened system.
+
+        Only the torque's column changes with the actuator: it is solved for by what the others leave of it
+        (theorem of Frisch, Waugh and Lovell).
+        """
         own = actuator.on(self.number)
         if own not in self._solved:
-            columns, targets = self.system(own)
-            theta = np.asarray(np.linalg.lstsq(columns, targets, rcond=None)[0], dtype=np.float64)
-            self._solved[own] = theta, targets - columns @ theta
+            column = self._column(own)
+            alone = column - self._basis @ (self._basis.T @ column)
+            gain = float(alone @ self._left_by_fixed) / max(float(alone @ alone), _TINY)
+            others = self._by_basis @ (self._targets - gain * column)
+            self._solved[own] = np.append(gain, others), self._left_by_fixed - gain * alone
         return self._solved[own]
 
 
