@@ -126,7 +126,7 @@ def find_in_structure(data: FlightData, identification: Identification) -> Itera
     # What the motors gave is a torque: per newton metre, a rate near one is a coincidence of units.
     given = data.input is not None and data.input.achieved
     yield from _commanded_rates(model, explained, may_be_rate=not given)
-    yield from _coarse_steps(data, explained)
+    yield from _coarse_steps(data, explained, identification.spectral)
     computed = _computed_from_rates(identification.excitation)
     rotors_told = bool(data.segments) and all(one.rotor_thrust is not None for one in data.segments)
     for number in explained:
@@ -171,8 +171,11 @@ def find_in_rotors(identification: Identification, rotors: Rotors | None) -> Ite
     )
 
 
-def _coarse_steps(data: FlightData, numbers: Sequence[int]) -> Iterator[Finding]:
-    """Say by how much the effectiveness is too high if the torque was cut to whole steps, not rounded."""
+def _coarse_steps(data: FlightData, numbers: Sequence[int], fits: Sequence[SpectralFit]) -> Iterator[Finding]:
+    """Say by how much the effectiveness is too high if the torque was cut to whole steps, not rounded.
+
+    Where commands show that it was, what is missing has been put back: no more than other effects.
+    """
     if data.input is None or not data.segments:
         return
     torque = np.concatenate([segment.torque for segment in data.segments])
@@ -188,7 +191,9 @@ def _coarse_steps(data: FlightData, numbers: Sequence[int]) -> Iterator[Finding]
                 "torque_rms": rounded(float(np.sqrt(power)), 3),
                 "too_high_if_cut_by_at_least": rounded(too_high, 2),
             }
-            yield finding("QL534", "warning", evidence, axes=(AXES[number],))
+            told = number < len(fits) and fits[number].is_told and "cut steps" in fits[number].effects
+            level: Level = "info" if told and abs(fits[number].shift) <= LARGE_SHIFT else "warning"
+            yield finding("QL534", level, evidence, axes=(AXES[number],))
 
 
 def _rates(data: FlightData) -> Iterator[Finding]:

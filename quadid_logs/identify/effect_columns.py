@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Final, NamedTuple
 
@@ -14,9 +15,9 @@ from quadid_logs.data.model import Effect
 from quadid_logs.data.torque import HeldScale
 from quadid_logs.identify.rotors import Rotors, beside_linear_lag, per_rotor, rotors_known
 from quadid_logs.identify.spectral import SpectralSolution, command_records, spectra_of
-from quadid_logs.identify.torque_errors import half_steps
 from quadid_logs.identify.varying_gain import VARIES, likeliest_variation
 from quadid_logs.maths.band import ComplexArray
+from quadid_logs.maths.interval_censored import expected_within
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.maths.rotations import tilt_from_rates
 from quadid_logs.maths.thrust_curve import slope_at, slopes_at
@@ -130,19 +131,34 @@ class FlownSignals:
     ) -> EffectColumn | None:
         """Return a column about all axes that functions make of the torques, one for each record."""
         actual, commanded = (
-            spectra_of(
-                [make(each) for make, each in zip(made, signals, strict=True)], self.records, self.data
-            )
+            [make(each) for make, each in zip(made, signals, strict=True)]
             for signals in (self.torques, self.told)
         )
-        if actual is None or commanded is None:
+        return self.of_signals(
+            kind, actual, commanded, lost=lost, spread=spread, weight=weight, varies=varies
+        )
+
+    def of_signals(
+        self,
+        kind: Effect,
+        acting: list[FloatArray],
+        commanded: list[FloatArray],
+        *,
+        lost: bool,
+        spread: float,
+        weight: float,
+        varies: float = 0.0,
+    ) -> EffectColumn | None:
+        """Return a column about all axes of what is lost of torques, and of commanded ones, each (n, 3)."""
+        actual, told = (spectra_of(each, self.records, self.data) for each in (acting, commanded))
+        if actual is None or told is None:
             return None
         return EffectColumn(
             kind,
             self.moved,
             actual.values,
             actual.by_slope,
-            commanded.values,
+            told.values,
             of_torque=True,
             lost=lost,
             spread=spread,
@@ -181,16 +197,63 @@ def effect_columns(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn
             yield column
     yield from _late_rotors(signals, lag_s)
     if described is not None and any(described.grid):
-        # Whole steps hide half of one, in its direction, if they were cut and not rounded: lost, it is added.
-        # One logger writes all axes: the coefficient is one if it cuts, and none if it rounds.
-        steps = np.array(described.grid, dtype=np.float64)
-        cut = Loss("cut steps", lambda torque: -half_steps(torque, steps), 1.0)
-        column = signals.of_loss(cut, spread=1.0)
-        if column is not None:
-            yield column
+        yield from _cut_off(signals, np.array(described.grid, dtype=np.float64))
     yield from _tilts(signals)
     yield from _by_throttle(signals)
     yield from _by_curve(signals)
+
+
+def _cut_off(signals: FlownSignals, steps: FloatArray) -> Iterator[EffectColumn]:
+    """Yield what whole steps (3,) hide of torques if they were cut and not rounded: lost, it is added.
+
+    One logger writes all axes: the coefficient is one if it cuts, and none if it rounds.
+    """
+    size = np.where(steps, steps, np.inf)
+    column = signals.of_signals(
+        "cut steps",
+        [-each for each in _hidden_by_steps(signals, steps)],
+        [np.where(steps, -np.fmod(each, size), 0.0) for each in signals.told],
+        lost=True,
+        spread=1.0,
+        weight=1.0,
+    )
+    if column is not None:
+        yield column
+
+
+def _hidden_by_steps(signals: FlownSignals, steps: FloatArray) -> list[FloatArray]:
+    """Return what steps (3,) towards zero are expected to hide of each record's torque, (n_samples, 3)."""
+    torque, told = np.concatenate(signals.torques), np.concatenate(signals.told)
+    hidden = np.zeros_like(torque)
+    for axis in np.flatnonzero(steps).tolist():
+        step, logged = steps[axis], torque[:, axis]
+        # Zero was logged of both signs.
+        low, high = logged - step * (logged < 0.5 * step), logged + step * (logged > -0.5 * step)
+        hidden[:, axis] = expected_within(low, high, told[:, axis]) - logged
+    return np.split(hidden, np.cumsum([len(each) for each in signals.torques])[:-1])
+
+
+def as_cut(signals: FlownSignals) -> FlightData:
+    """Return the flight with the torque as it was before it was cut to whole steps.
+
+    Parameters
+    ----------
+    signals : FlownSignals
+
+    Returns
+    -------
+    FlightData
+        Of what was commanded, and with no steps.
+    """
+    data = signals.data
+    if data.input is None:
+        return data
+    hidden = _hidden_by_steps(signals, np.array(data.input.grid, dtype=np.float64))
+    segments = [
+        replace(record.segment, torque=record.segment.torque + each)
+        for record, each in zip(signals.records, hidden, strict=True)
+    ]
+    return replace(data, segments=tuple(segments), input=replace(data.input, grid=(0.0, 0.0, 0.0)))
 
 
 def variation_columns(

@@ -24,6 +24,7 @@ from quadid_logs.data.model import Effect, SpectralFit
 from quadid_logs.identify.effect_columns import (
     EffectColumn,
     FlownSignals,
+    as_cut,
     effect_columns,
     variation_columns,
 )
@@ -135,6 +136,8 @@ def average_over_effects(solution: SpectralSolution, data: FlightData) -> tuple[
                 best = found[max(levels, key=lambda number: likely[number])].column
         if best is None:
             break
+        if best.kind == "cut steps":
+            return _as_cut(solution, signals)
         equations = equations.beside(best)
     varies = [value * each.varies for value, each in zip(equations.taken, equations.shown, strict=True)]
     variation = float(np.sqrt(np.sum(np.square(varies))))
@@ -146,6 +149,19 @@ def average_over_effects(solution: SpectralSolution, data: FlightData) -> tuple[
             solution.fits[axis.number], replace(fit, variation=variation, effects=tuple(shown))
         )
     return tuple(fits)
+
+
+def _as_cut(solution: SpectralSolution, signals: FlownSignals) -> tuple[SpectralFit, ...]:
+    """Return the estimates by the torque as it was before the log cut it to whole steps."""
+    data = as_cut(signals)
+    solved = solve_flight(data)
+    if solved is None:
+        return solution.fits
+    fits = average_over_effects(solved, data)
+    return tuple(
+        _beside(without, replace(fit, effects=("cut steps", *fit.effects)))
+        for without, fit in zip(solution.fits, fits, strict=True)
+    )
 
 
 def _beside(without: SpectralFit, fit: SpectralFit) -> SpectralFit:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData, InputDescription, Segment
 from quadid_logs.data.model import SpectralFit
 from quadid_logs.data.torque import AssumedExpo
@@ -408,6 +409,27 @@ def test_steps_that_were_cut_toward_zero_are_put_back() -> None:
     assert blind[2].gain > 1.04 * GAIN[2]
     assert "cut steps" in told[2].effects
     assert all(_holds(told[axis], axis) for axis in range(3))
+
+
+def test_what_coarse_steps_hide_of_commands_below_them_is_put_back() -> None:
+    """Most of what was logged is zero: half a step in the direction of the rest would not be enough."""
+    data = _flown(0, gusts=0.2)
+    segment = data.segments[0]
+    step = 1.5 * float(np.std(segment.torque[:, 1]))
+    steps = np.array([step, step, 0.0])
+    cut = replace(segment, torque=np.column_stack([*_cut(segment.torque.T[:2], step), segment.torque[:, 2]]))
+    assert np.mean(cut.torque[:, 1] == 0.0) > 0.7
+    described = replace(data.input, grid=tuple(steps))
+    blind, told = (
+        fit_by_spectra(replace(data, segments=(cut,), input=each)) for each in (data.input, described)
+    )
+    assert blind[1].gain > 1.3 * GAIN[1]
+    assert "cut steps" in told[1].effects
+    assert all(_holds(told[axis], axis) for axis in range(3))
+
+
+def _cut(torques: FloatArray, step: float) -> FloatArray:
+    return np.asarray(np.trunc(torques / step) * step)
 
 
 def test_steps_that_were_rounded_are_left_as_they_are() -> None:
