@@ -77,10 +77,6 @@ def recommend(
         Ranges of load, air and propeller in which the limits are met too, as far as the flown gains meet them
         or any gains can; `AS_FLOWN` for none.
 
-    Returns
-    -------
-    Tuning
-
     Examples
     --------
     >>> from quadid_logs import analyze
@@ -165,10 +161,6 @@ def _not_bare(result: Result, axis: str, tuned: AxisTuning, case: Case) -> AxisT
 @once
 def tuning_of(result: Result) -> Tuning:
     """Return what is recommended with the default limits: every page and sentence takes it from here.
-
-    Parameters
-    ----------
-    result : Result
 
     Returns
     -------
@@ -302,17 +294,7 @@ def _may_be_loop(result: Result, axis: str, line: Line) -> bool:
 
 
 def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:
-    """Return the parameters as they were when the part of the flight that is used began.
-
-    Parameters
-    ----------
-    log : FlightLog
-    data : FlightData
-
-    Returns
-    -------
-    mapping of str to float
-    """
+    """Return the parameters as they were when the part of the flight that is used began."""
     rates = log.candidates("body_rate")
     if not rates or not data.segments or data.clock_resets:
         return log.parameters
@@ -322,11 +304,6 @@ def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:
 
 def shaping_gains(result: Result, axis: str) -> dict[str, float]:
     """Return the parameters that shape the loop of an axis, as they flew.
-
-    Parameters
-    ----------
-    result : Result
-    axis : str
 
     Returns
     -------
@@ -367,16 +344,7 @@ def margins_with(result: Result, axis: str, changes: Mapping[str, float]) -> Loo
 
 
 def same_gain(one: float, other: float) -> bool:
-    """Return whether two values of a parameter are one, as they are typed in and held in single precision.
-
-    Parameters
-    ----------
-    one, other : float
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether two values of a parameter are one, as they are typed in and held in single precision."""
     return math.isclose(one, other, rel_tol=_SAME_GAIN)
 
 

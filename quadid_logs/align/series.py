@@ -113,10 +113,6 @@ class CleanSeries:
         ----------
         start_s, end_s : float
             Both belong to it [s].
-
-        Returns
-        -------
-        slice
         """
         first, last = np.searchsorted(self.time_s, [start_s, end_s + 1e-9])
         return slice(int(first), int(last))
@@ -172,10 +168,6 @@ class CleanSeries:
         ----------
         samples : slice or ndarray of int or bool
             In order of time.
-
-        Returns
-        -------
-        CleanSeries
         """
         return replace(self, time_s=self.time_s[samples], stored=self.stored[samples])
 
@@ -254,10 +246,6 @@ class CleanLog:
         ----------
         name : str
             A key of `vocabulary.SIGNALS`.
-
-        Returns
-        -------
-        tuple of CleanSeries
         """
         return tuple(one for one in self.candidates.get(name, ()) if one.n_samples)
 
@@ -342,14 +330,6 @@ class Cleaner:
         Rows are ordered by time *within* an epoch only; a reboot is never sorted
         away. Of rows with the same stamp the last stands: it is what the
         autopilot knew last at that time.
-
-        Parameters
-        ----------
-        signal : Signal
-
-        Returns
-        -------
-        CleanSeries
         """
         # An event may stand alone, minutes from the periodic rows around it in the file.
         apart = signal.name in EVENTS or signal.name in WRITTEN_LATE

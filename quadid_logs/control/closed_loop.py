@@ -81,10 +81,6 @@ def close_loop(
         Lower edge of the fitted band.
     wanted : {"whole", "verdict"}
         Everything, or only what the verdicts rest on: the replay, and the prediction of the flight.
-
-    Returns
-    -------
-    ClosedLoop
     """
     data, model = per_command(data, model)
     axes = {}
@@ -159,16 +155,7 @@ def close_loop_of_earlier(
 
 
 def disagrees(replay: Replay | None) -> bool:
-    """Say whether the log contradicts the controller; one that the log cannot be held against it does not.
-
-    Parameters
-    ----------
-    replay : Replay or None
-
-    Returns
-    -------
-    bool
-    """
+    """Say whether the log contradicts the controller; one that the log cannot be held against it does not."""
     if replay is None or replay.agrees:
         return False
     return replay.reason is None or not replay.reason.tells_nothing
@@ -248,10 +235,6 @@ def open_loop(controller: AxisController, plants: Plant, known_hz: float) -> Loo
         The estimate, then vehicles drawn around it.
     known_hz : float
         Up to where measurement supports the model.
-
-    Returns
-    -------
-    LoopCurve
     """
     return _curve(close(controller, plants, fine_grid_hz(controller.period_s)), known_hz)
 

@@ -22,11 +22,6 @@ _OF_TORQUE: Final = np.array([True, False, False, False, True])
 def per_command(data: FlightData, model: Model) -> tuple[FlightData, Model]:
     """Return flight and model with the torque in units of the normalised command.
 
-    Parameters
-    ----------
-    data : FlightData
-    model : Model
-
     Returns
     -------
     FlightData

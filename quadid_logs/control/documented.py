@@ -15,12 +15,6 @@ _AT_END: Final = 1e-3
 def within_documented(axis: str, tuned: AxisTuning, names: GainNames) -> AxisTuning:
     """Say of which gains the documented range is the limit, and which leave it.
 
-    Parameters
-    ----------
-    axis : str
-    tuned : AxisTuning
-    names : GainNames
-
     Returns
     -------
     AxisTuning

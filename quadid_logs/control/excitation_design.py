@@ -286,13 +286,6 @@ def crossovers(frequency_hz: FloatArray, loop: ComplexArray) -> tuple[float, flo
 def half_width(plant: Plant, answers: _Answers, air: Air, chirp: Chirp) -> float:
     """Return half the 95 % interval of the effectiveness that a sweep promises, over the effectiveness.
 
-    Parameters
-    ----------
-    plant : Plant
-    answers : _Answers
-    air : Air
-    chirp : Chirp
-
     Returns
     -------
     float

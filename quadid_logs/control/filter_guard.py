@@ -34,10 +34,6 @@ def is_no_worse(filtered: Refiltered, alone: AxisTuning) -> bool:
         With filters and gains.
     alone : AxisTuning
         The next flight with gains alone, under the same limits, which may have more gust error than flew.
-
-    Returns
-    -------
-    bool
     """
     # An axis that is refused stays as it flew.
     most = 1.0 if alone.verdict == "refused" else max(1.0, alone.attitude_error)
@@ -45,26 +41,12 @@ def is_no_worse(filtered: Refiltered, alone: AxisTuning) -> bool:
 
 
 def are_worth_it(together: Iterable[Refiltered]) -> bool:
-    """Tell whether filters that change together bring as much in the end as a change of gains is to bring.
-
-    Parameters
-    ----------
-    together : iterable of Refiltered
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether filters that change together bring as much in the end as a change of gains is to bring."""
     return sum(one.in_the_end for one in together) <= -WORTH
 
 
 def with_flown_filters(axis: str, alone: AxisTuning) -> AxisTuning:
     """Return gains alone, and say that the filters stay.
-
-    Parameters
-    ----------
-    axis : str
-    alone : AxisTuning
 
     Returns
     -------

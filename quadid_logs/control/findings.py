@@ -31,16 +31,7 @@ _DISAGREEMENT = 0.05
 
 
 def find_in_loop(loop: ClosedLoop) -> Iterator[Finding]:
-    """Yield the findings about the loops.
-
-    Parameters
-    ----------
-    loop : ClosedLoop
-
-    Yields
-    ------
-    Finding
-    """
+    """Yield the findings about the loops."""
     controllers = loop.controllers
     if loop.axes and controllers.version_read != "read":
         versions = {"firmware": controllers.firmware, "version_read": controllers.version_note}
@@ -144,10 +135,6 @@ def _margin(axis: str, found: AxisLoop) -> Finding | None:
 
 def as_evidence(figure: Estimated) -> dict[str, object]:
     """Return a figure and its interval, each by its name.
-
-    Parameters
-    ----------
-    figure : Estimated
 
     Returns
     -------

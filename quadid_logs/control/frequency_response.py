@@ -207,16 +207,7 @@ def response(
 
 
 def better(first: Response, second: Response) -> Response:
-    """Return of each band the response that is known better.
-
-    Parameters
-    ----------
-    first, second : Response
-
-    Returns
-    -------
-    Response
-    """
+    """Return of each band the response that is known better."""
     take = first.error <= second.error
     return Response(*(np.where(take, a, b) for a, b in zip(first, second, strict=True)))
 

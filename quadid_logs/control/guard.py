@@ -88,16 +88,7 @@ class Case:
 
 
 def obstacles(case: Case) -> Iterator[Finding]:
-    """Yield all that forbids to recommend gains, the most fundamental first.
-
-    Parameters
-    ----------
-    case : Case
-
-    Yields
-    ------
-    Finding
-    """
+    """Yield all that forbids to recommend gains, the most fundamental first."""
     if case.n_pooled:
         yield _refusal("QL623", case, {"logs": case.n_pooled})
     if case.differ:
@@ -141,10 +132,6 @@ def _refusal(
 def has_only_caveats(case: Case) -> bool:
     """Tell whether an axis is to be used with caution for caveats alone that its loop's intervals hold.
 
-    Parameters
-    ----------
-    case : Case
-
     Returns
     -------
     bool
@@ -158,27 +145,13 @@ def has_only_caveats(case: Case) -> bool:
 
 
 def crosses_where_known(loop: AxisLoop) -> bool:
-    """Tell whether measurement supports the model of an axis up to the crossover of its rate loop.
-
-    Parameters
-    ----------
-    loop : AxisLoop
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether measurement supports the model of an axis up to the crossover of its rate loop."""
     crossover_hz = None if loop.margins is None else loop.margins.rate.crossover_hz
     return crossover_hz is not None and crossover_hz.value <= loop.known_hz
 
 
 def tells_too_little(diagnosis: Diagnosis, axis: str) -> bool:
     """Tell whether all that speaks against the model of an axis is how little the flight tells of it.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-    axis : str
 
     Returns
     -------

@@ -49,10 +49,6 @@ def close(
         Above zero.
     body : ndarray of complex, shape (n_plants, n_frequencies), optional
         The response of the plant behind a hold of the controller's period, where it is known.
-
-    Returns
-    -------
-    Loop
     """
     if body is None:
         body = plant.response(frequency_hz, controller.period_s)
@@ -207,16 +203,7 @@ def gyro_filters(controller: AxisController, frequency_hz: FloatArray) -> Comple
 
 
 def integrators(controller: AxisController) -> int:
-    """Count the poles at zero frequency of the rate loop; the angle loop adds one.
-
-    Parameters
-    ----------
-    controller : AxisController
-
-    Returns
-    -------
-    int
-    """
+    """Count the poles at zero frequency of the rate loop; the angle loop adds one."""
     above, below = controller.error.numerator, controller.error.denominator
     # Without an integral gain, the integrator's pole is there and a zero upon it.
     pole, zero = (abs(each.sum()) < _AT_ZERO * np.abs(each).sum() for each in (below, above))

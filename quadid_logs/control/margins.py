@@ -127,10 +127,6 @@ def margins_of(
         As of `is_stable`.
     known_hz : float
         As of `unmodelled`.
-
-    Returns
-    -------
-    Margins
     """
     found, worse = figures_and_worse(frequency_hz, loop, integrators, unstable_poles, known_hz)
     places_hz = np.array([found.crossover_hz[0], found.oscillation_hz[0]])

@@ -97,11 +97,6 @@ class Factors(NamedTuple):
 def conditions(point: FlownPoint, ranges: Ranges) -> Iterator[Condition]:
     """Yield what may be otherwise, one thing at a time.
 
-    Parameters
-    ----------
-    point : FlownPoint
-    ranges : Ranges
-
     Yields
     ------
     Condition
@@ -240,17 +235,7 @@ def _factors(point: FlownPoint, motors: _Motors, condition: Condition, *, by_dra
 
 
 def changed(plants: Plant, by: Factors) -> Plant:
-    """Return vehicles with other numbers; the frame's modes stay where they are.
-
-    Parameters
-    ----------
-    plants : Plant
-    by : Factors
-
-    Returns
-    -------
-    Plant
-    """
+    """Return vehicles with other numbers; the frame's modes stay where they are."""
     return plants._replace(
         effectiveness=plants.effectiveness * by.effectiveness,
         damping=plants.damping * by.damping,
@@ -271,10 +256,6 @@ class OffNominal(NamedTuple):
 
     def corners(self, loops: ScaledLoops) -> tuple[ScaledLoops, ...]:
         """Return the loops in the conditions between which all others lie.
-
-        Parameters
-        ----------
-        loops : ScaledLoops
 
         Returns
         -------

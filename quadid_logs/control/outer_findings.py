@@ -38,10 +38,6 @@ def find_in_outer(outer: OuterLoops | None, positions: Sequence[PositionRows]) -
     outer : OuterLoops or None
     positions : sequence of PositionRows
         What the log holds of the position controllers.
-
-    Yields
-    ------
-    Finding
     """
     if outer is None:
         return
@@ -125,14 +121,5 @@ def _margins(loops: Mapping[str, OuterLoop]) -> Iterator[Finding]:
 
 
 def outermost(found: OuterLoop) -> Margins:
-    """Return the margins with the position loop where there is one.
-
-    Parameters
-    ----------
-    found : OuterLoop
-
-    Returns
-    -------
-    Margins
-    """
+    """Return the margins with the position loop where there is one."""
     return found.velocity if found.whole is None else found.whole

@@ -141,11 +141,6 @@ def outer_loops(
 def attitude_replays(rows: AttitudeRows, command: AttitudeCommand) -> dict[str, AttitudeReplay]:
     """Hold the attitude controller's law against the logged rate set-points.
 
-    Parameters
-    ----------
-    rows : AttitudeRows
-    command : AttitudeCommand
-
     Returns
     -------
     dict of str to AttitudeReplay

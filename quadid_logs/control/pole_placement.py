@@ -40,10 +40,6 @@ def place_poles(procedure: PolePlacement, controller: AxisController, plants: Pl
         That flies while the vehicle is excited.
     plants : Plant
 
-    Returns
-    -------
-    PlacedGains
-
     Notes
     -----
     The discrete model is that of least squares without noise, weighted by the spectrum of the excited

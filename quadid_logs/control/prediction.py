@@ -250,10 +250,6 @@ class _Search:
             Where the search begins.
         covariance : ndarray, shape (4, 4)
             Of damping, lag, delay and reaction.
-
-        Returns
-        -------
-        Estimated
         """
         factor = 1.0
         for _ in range(_MOST_STEPS):

@@ -143,10 +143,6 @@ def tune_axes(
         and D alone. Where no common factor keeps the limits, this is tried in any case.
     filters : FilterWishes, optional
         Filters may be changed with the gains.
-
-    Returns
-    -------
-    dict of str to AxisTuning
     """
     searches = {axis: _searched(one, limits, apart=apart) for axis, one in axes.items()}
     tuned: dict[str, AxisTuning] = {}
@@ -388,10 +384,6 @@ class _Search:
         ----------
         near : tuple, optional
             As of `best`: where the search begins, instead of everywhere.
-
-        Returns
-        -------
-        float
         """
         if self._best is None and near is not None and (search := self._separate()) is not None:
             self._best = search, search.target_near(near[1])

@@ -74,10 +74,6 @@ def replay(
 def thinned_from(replays: Mapping[str, Replay]) -> float | None:
     """Return the period of the loop [s] where the rows turned out to be some of its steps only.
 
-    Parameters
-    ----------
-    replays : mapping of str to Replay
-
     Returns
     -------
     float or None
@@ -152,11 +148,6 @@ def _nothing(reason: ReplayReason) -> Replay:
 
 def compared(found: ReplayedTerms, rows: AxisRows) -> dict[Term, float | None]:
     """Return by term the rms of the difference over that of the logged one.
-
-    Parameters
-    ----------
-    found : ReplayedTerms
-    rows : AxisRows
 
     Returns
     -------

@@ -27,10 +27,6 @@ class Room(IntEnum):
 def figures(margins: Margins) -> dict[str, tuple[Estimated | None, str]]:
     """Return by name each figure that is limited, with the field of `Limits` that limits it.
 
-    Parameters
-    ----------
-    margins : Margins
-
     Returns
     -------
     dict of str to (Estimated or None, str)
@@ -51,10 +47,6 @@ def room_of(margins: Margins, limits: Limits = GOOD) -> Room:
     margins : Margins
     limits : Limits
         Below which a loop has too little.
-
-    Returns
-    -------
-    Room
     """
     if not margins.stable:
         return Room.UNSTABLE
@@ -72,30 +64,12 @@ def _least(margins: Margins, limits: Limits, *, worst: bool) -> float:
 
 
 def outermost(found: AxisLoop) -> Margins | None:
-    """Return the margins with all that is known to close the loop; None where nothing may be said.
-
-    Parameters
-    ----------
-    found : AxisLoop
-
-    Returns
-    -------
-    Margins or None
-    """
+    """Return the margins with all that is known to close the loop; None where nothing may be said."""
     return None if found.margins is None else whole(found.margins)
 
 
 def whole(margins: LoopMargins) -> Margins:
-    """Return the margins with the angle loop where that is known.
-
-    Parameters
-    ----------
-    margins : LoopMargins
-
-    Returns
-    -------
-    Margins
-    """
+    """Return the margins with the angle loop where that is known."""
     return margins.full or margins.rate
 
 
@@ -104,15 +78,6 @@ def leads_back(before: LoopMargins, after: LoopMargins, limits: Limits = GOOD) -
 
     What can be seen and heard is an oscillation at the upper end of the loop: gains that leave it more of a
     gain margin there damp it. None lead back into a loop that is itself close to instability.
-
-    Parameters
-    ----------
-    before, after : LoopMargins
-    limits : Limits
-
-    Returns
-    -------
-    bool
     """
     calmer = _up_db(before) >= _up_db(after)
     return calmer and (room_of(whole(before)) > Room.POOR or spare(before, limits) >= spare(after, limits))
@@ -128,11 +93,6 @@ def _up_db(margins: LoopMargins) -> float:
 
 def has_way_back(found: AxisTuning, limits: Limits) -> bool:
     """Say whether the flown gains are the way back from the next ones.
-
-    Parameters
-    ----------
-    found : AxisTuning
-    limits : Limits
 
     Returns
     -------

@@ -46,16 +46,7 @@ class ScaledLoops(NamedTuple):
     fixed: ComplexArray | None
 
     def margins(self, factor: float = 1.0) -> LoopMargins:
-        """Return the margins with P, I and D times a factor.
-
-        Parameters
-        ----------
-        factor : float
-
-        Returns
-        -------
-        LoopMargins
-        """
+        """Return the margins with P, I and D times a factor."""
         rate, whole = self.rate, self.whole(factor)
         full = None if whole is None else self._margins(whole, 1)
         return LoopMargins(rate=self._margins(rate if factor == 1.0 else factor * rate, 0), full=full)
@@ -69,10 +60,6 @@ class ScaledLoops(NamedTuple):
         least : float
             As of `spare`.
         factor : float
-
-        Returns
-        -------
-        bool
         """
         whole = self.whole(factor)
         if whole is not None and np.min(_spare(self._margins(whole, 1), limits)) < least:
@@ -82,10 +69,6 @@ class ScaledLoops(NamedTuple):
 
     def whole(self, factor: float = 1.0) -> ComplexArray | None:
         """Return the loops with all that closes them, with P, I and D times a factor.
-
-        Parameters
-        ----------
-        factor : float
 
         Returns
         -------
@@ -131,29 +114,11 @@ class ScaledLoops(NamedTuple):
         return np.asarray(np.maximum(np.min(told, axis=1), 0.0))
 
     def first(self, n_plants: int) -> ScaledLoops:
-        """Return the loops around the first of the vehicles.
-
-        Parameters
-        ----------
-        n_plants : int
-
-        Returns
-        -------
-        ScaledLoops
-        """
+        """Return the loops around the first of the vehicles."""
         return self.at(slice(0, n_plants))
 
     def at(self, numbers: slice) -> ScaledLoops:
-        """Return the loops around some of the vehicles.
-
-        Parameters
-        ----------
-        numbers : slice
-
-        Returns
-        -------
-        ScaledLoops
-        """
+        """Return the loops around some of the vehicles."""
         angle, fixed = (None if part is None else part[numbers] for part in (self.angle, self.fixed))
         plants, body = self.plants.at(numbers), self.body[numbers]
         return self._replace(plants=plants, body=body, rate=self.rate[numbers], angle=angle, fixed=fixed)
@@ -165,10 +130,6 @@ class ScaledLoops(NamedTuple):
         ----------
         plants : Plant
             With the delays and the modes of these.
-
-        Returns
-        -------
-        ScaledLoops
         """
         ratio = plants.over(self.plants, self.frequency_hz)
         angle, fixed = (None if part is None else part * ratio for part in (self.angle, self.fixed))
@@ -176,16 +137,7 @@ class ScaledLoops(NamedTuple):
         return self._replace(plants=plants, body=body, rate=rate, angle=angle, fixed=fixed)
 
     def of(self, controller: AxisController) -> ScaledLoops:
-        """Return the loops of another controller around the same vehicles.
-
-        Parameters
-        ----------
-        controller : AxisController
-
-        Returns
-        -------
-        ScaledLoops
-        """
+        """Return the loops of another controller around the same vehicles."""
         return next(_each_of((self,), controller))
 
 
@@ -199,10 +151,6 @@ def scaled_loops(controller: AxisController, plants: Plant, known_hz: float) -> 
         The estimate, then vehicles drawn around it.
     known_hz : float
         Up to where measurement supports the model.
-
-    Returns
-    -------
-    ScaledLoops
     """
     frequency_hz = (grid_hz if plants.modes is None else fine_grid_hz)(controller.period_s)
     body = plants.response(frequency_hz, controller.period_s)
@@ -272,10 +220,6 @@ def figures_alone(loops: Sequence[ScaledLoops]) -> AloneFigures:
     ----------
     loops : sequence of ScaledLoops
         At least one, all of one axis and over the same frequencies.
-
-    Returns
-    -------
-    AloneFigures
     """
     first = loops[0]
     poles = np.array([integrators(one.controller) for one in loops])
@@ -291,11 +235,6 @@ def figures_alone(loops: Sequence[ScaledLoops]) -> AloneFigures:
 def spare(margins: LoopMargins, limits: Limits) -> float:
     """Return how much of the limits the worst vehicles keep, in the worst of figures and loops.
 
-    Parameters
-    ----------
-    margins : LoopMargins
-    limits : Limits
-
     Returns
     -------
     float
@@ -306,11 +245,6 @@ def spare(margins: LoopMargins, limits: Limits) -> float:
 
 def each_spare(margins: LoopMargins, limits: Limits) -> FloatArray:
     """Return how much of each limit the worst vehicles keep.
-
-    Parameters
-    ----------
-    margins : LoopMargins
-    limits : Limits
 
     Returns
     -------
@@ -367,17 +301,7 @@ class HeldLoops(NamedTuple):
     drawn: float = 1.0
 
     def kept(self, limits: Limits, factor: float = 1.0) -> Kept:
-        """Return how much of what is required is kept, with P, I and D times a factor.
-
-        Parameters
-        ----------
-        limits : Limits
-        factor : float
-
-        Returns
-        -------
-        Kept
-        """
+        """Return how much of what is required is kept, with P, I and D times a factor."""
         otherwise = (spare(one.margins(factor), limits) / self.part for one in self.otherwise)
         as_flown = spare(self.loops.margins(factor), limits) / self.drawn
         if self.drawn < 1.0:
@@ -389,18 +313,7 @@ class HeldLoops(NamedTuple):
         return self.loops.first(1)._replace(known_hz=np.inf)
 
     def keep(self, limits: Limits, enough: Kept, factor: float = 1.0) -> bool:
-        """Tell whether enough is kept, with P, I and D times a factor.
-
-        Parameters
-        ----------
-        limits : Limits
-        enough : Kept
-        factor : float
-
-        Returns
-        -------
-        bool
-        """
+        """Tell whether enough is kept, with P, I and D times a factor."""
         several, leasts = self._required(enough)
         return all(one.keep(limits, least, factor) for one, least in zip(several, leasts, strict=True))
 
@@ -416,10 +329,6 @@ class HeldLoops(NamedTuple):
         enough : Kept
         promised : LoopMargins, optional
             Of the vehicles as they fly with it, where they are known.
-
-        Returns
-        -------
-        bool
         """
         several, leasts = self._required(enough)
         if promised is not None:
@@ -465,10 +374,6 @@ class HeldLoops(NamedTuple):
             Of which less is required.
         part : float
             Of the way from there.
-
-        Returns
-        -------
-        HeldLoops
         """
         least = told.part if told.otherwise else 0.0
         required = least + part * (self.part - least)
@@ -478,11 +383,6 @@ class HeldLoops(NamedTuple):
 
 def spare_of(figures: LoopFigures, limits: Limits) -> FloatArray:
     """Return how much of each limit loops keep, one by one: `spare` without an interval.
-
-    Parameters
-    ----------
-    figures : LoopFigures
-    limits : Limits
 
     Returns
     -------

@@ -94,16 +94,7 @@ def may_rise(gain_db: FloatArray | float, most_up: float) -> FloatArray:
 
 
 def least_gain_db(margins: LoopMargins) -> float:
-    """Return the worst gain margin of the loops of an axis [dB], infinite where they have none.
-
-    Parameters
-    ----------
-    margins : LoopMargins
-
-    Returns
-    -------
-    float
-    """
+    """Return the worst gain margin of the loops of an axis [dB], infinite where they have none."""
     both = (margins.rate, margins.full)
     told = (one.gain_margin_db for one in both if one is not None)
     return min((one.ci95[0] for one in told if one is not None), default=math.inf)
@@ -388,10 +379,6 @@ class SeparateGains:
         ----------
         common : float
             The best factor on P, I and D together.
-
-        Returns
-        -------
-        dict of str to float
         """
         self._highest = max(self._highest, common)
         begin = self._begin(common)
@@ -400,16 +387,7 @@ class SeparateGains:
         return self._searched(begin, bounds)
 
     def target_near(self, begin: Mapping[str, float]) -> dict[str, float]:
-        """Return what `target` does, searched near some factors alone.
-
-        Parameters
-        ----------
-        begin : mapping of str to float
-
-        Returns
-        -------
-        dict of str to float
-        """
+        """Return what `target` does, searched near some factors alone."""
         self._add_decisive(begin)
         bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
         return self._searched(dict(begin), bounds, everywhere=False)
@@ -688,19 +666,11 @@ class SeparateGains:
         ----------
         target : mapping of str to float
             Factors.
-
-        Returns
-        -------
-        bool
         """
         return self._bear(target, 1.0 - 2.0 * _ROUNDING)
 
     def cost(self, factors: Mapping[str, float]) -> float:
         """Return what is to be small with other gains, over that of the flown ones.
-
-        Parameters
-        ----------
-        factors : mapping of str to float
 
         Returns
         -------
@@ -713,16 +683,7 @@ class SeparateGains:
         return math.exp(np.sum(np.maximum(burdens, 0.0))) * self.gust_error(factors)
 
     def settled(self, factors: Mapping[str, float]) -> float:
-        """Return `Quick.value` of gains that keep all margins, of limits with what gains alone reach only.
-
-        Parameters
-        ----------
-        factors : mapping of str to float
-
-        Returns
-        -------
-        float
-        """
+        """Return `Quick.value` of gains that keep all margins, of limits with what gains alone reach only."""
         loop = self._at(_sets(factors))
         heat, more = float(self._noise.heat(self._noise.ratio(loop))[0]), float(self._noise.beyond(loop)[0])
         beyond = max(more, 0.0)
@@ -731,16 +692,7 @@ class SeparateGains:
         return math.log(self.cost(factors)) + heat + PENALTY * max(beyond - _ROUNDING, 0.0)
 
     def gust_error(self, factors: Mapping[str, float]) -> float:
-        """Return the attitude error of gusts with other gains, over that of the flown ones.
-
-        Parameters
-        ----------
-        factors : mapping of str to float
-
-        Returns
-        -------
-        float
-        """
+        """Return the attitude error of gusts with other gains, over that of the flown ones."""
         whole = self._at(_sets(factors)).whole
         return float(self._gusts.attitude_rad(whole)[0] / self._flown_error_rad)
 
@@ -748,14 +700,6 @@ class SeparateGains:
         """Search roughly from some factors, around the vehicles that decide at these and at what is found.
 
         To rank filters by.
-
-        Parameters
-        ----------
-        begin : mapping of str to float
-
-        Returns
-        -------
-        Quick
         """
         self._decisive[0][0], self._latest = True, None
         bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
@@ -769,16 +713,7 @@ class SeparateGains:
         return second if second.missing == 0.0 else first
 
     def told_of(self, factors: Mapping[str, float]) -> Quick:
-        """Tell what factors cost, how noisy they are, and what they miss, around the decisive vehicles.
-
-        Parameters
-        ----------
-        factors : mapping of str to float
-
-        Returns
-        -------
-        Quick
-        """
+        """Tell what factors cost, how noisy they are, and what they miss, around the decisive vehicles."""
         kept = self._told(_sets(factors))[1]
         noise = self._noise.ratio(self._at(_sets(factors)))
         missing = float(np.sum(np.maximum(-kept[0] - _ROUNDING, 0.0)))
@@ -794,10 +729,6 @@ class SeparateGains:
 
     def passes(self, frequency_hz: float) -> tuple[float, float]:
         """Return the gain from gyro to command at a frequency over that as flown, and the gain of the loop.
-
-        Parameters
-        ----------
-        frequency_hz : float
 
         Returns
         -------
@@ -817,10 +748,6 @@ class SeparateGains:
         ----------
         common : float
             A factor on P, I and D to begin at.
-
-        Returns
-        -------
-        float
         """
         alone = self.anew()
         for one in alone._decisive:
@@ -831,16 +758,7 @@ class SeparateGains:
         return alone.cost(alone._search(begins, bounds, np.inf))
 
     def worst_error(self, factors: Mapping[str, float]) -> float:
-        """Return the attitude error of gusts over that of the flown gains, in 97.5 % of the vehicles.
-
-        Parameters
-        ----------
-        factors : mapping of str to float
-
-        Returns
-        -------
-        float
-        """
+        """Return the attitude error of gusts over that of the flown gains, in 97.5 % of the vehicles."""
         back, by_angle, _ = self._paths.at(factors)
         flown, other = (
             self._gusts.attitude_rad(self._loops.body * answer)
@@ -849,16 +767,7 @@ class SeparateGains:
         return float(np.quantile(other / flown, _WORST))
 
     def common(self, factor: float) -> float:
-        """Return the `cost` of one factor on P, I and D.
-
-        Parameters
-        ----------
-        factor : float
-
-        Returns
-        -------
-        float
-        """
+        """Return the `cost` of one factor on P, I and D."""
         return self.cost({name: 1.0 if name == self._names.angle else factor for name in self._now})
 
     def step(self, target: Mapping[str, float], most_up: float) -> Step | None:

@@ -159,10 +159,6 @@ def lowest_noise_hz(crossover_hz: float) -> float:
     ----------
     crossover_hz : float
         NaN for none.
-
-    Returns
-    -------
-    float
     """
     return _ABOVE_FLIGHT_HZ if np.isnan(crossover_hz) else max(_ABOVE * crossover_hz, _ABOVE_FLIGHT_HZ)
 

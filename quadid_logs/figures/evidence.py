@@ -142,10 +142,6 @@ def answer_to_commands(result: Result, axis: str) -> Panel | None:
     result : Result
     axis : str
         "roll", "pitch" or "yaw".
-
-    Returns
-    -------
-    Panel or None
     """
     identified, verdict = result.identification, result.diagnosis.axes.get(axis)
     model = identified.recommended

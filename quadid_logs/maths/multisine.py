@@ -59,10 +59,6 @@ def orthogonal(bands: tuple[tuple[float, float], ...], n_lines: int, seed: int =
         At most, of each, evenly apart: lines with gaps that differ have higher peaks.
     seed : int
 
-    Returns
-    -------
-    tuple of Multisine
-
     References
     ----------
     .. [1] R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2012, ch. 4 and

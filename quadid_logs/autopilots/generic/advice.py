@@ -358,10 +358,6 @@ class Advice:
         ----------
         version : tuple of int, or None
             None for a recent one.
-
-        Returns
-        -------
-        bool
         """
         return self.excitation_entry == "rate" or bool(
             self.excitation_entry and self.sweep_magnitudes(version)
