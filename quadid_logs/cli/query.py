@@ -64,7 +64,7 @@ def report_set_aside(rows: Sequence[SetAside]) -> None:
 
 def _json_lines(answer: Answer) -> Iterator[str]:
     """Yield one object per row; dates and the like as text."""
-    from quadid_logs.report.json import strict_text
+    from quadid_logs.report.strict_json import strict_text
 
     for row in answer.rows:
         yield strict_text(dict(zip(answer.columns, row, strict=True)), compact=True).rstrip("\n")

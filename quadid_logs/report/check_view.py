@@ -23,8 +23,9 @@ from quadid_logs.data.promise import (
 from quadid_logs.data.result import Result
 from quadid_logs.report.commands import on_log
 from quadid_logs.report.gain_files import exact, file_names
-from quadid_logs.report.json import log_dict, strict_text
+from quadid_logs.report.json import log_dict
 from quadid_logs.report.numbers import estimate, number
+from quadid_logs.report.strict_json import some_fields, strict_text
 from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
 
@@ -250,9 +251,4 @@ def check_text(promise: Promise, after: Result, found: Check) -> str:
 
 
 def _test(one: FigureCheck | VehicleCheck) -> dict[str, Any]:
-    return {
-        "promised": one.promised,
-        "measured": one.measured,
-        "p_value": one.p_value,
-        "differs": one.differs,
-    }
+    return some_fields(one, "promised", "measured", "p_value", "differs")

@@ -13,9 +13,9 @@ from quadid_logs.data.promise import Decision, Held
 from quadid_logs.data.result import Result
 from quadid_logs.promise import checked
 from quadid_logs.report.gain_files import exact
-from quadid_logs.report.json import strict_text
 from quadid_logs.report.loop_json import margins_and_step
 from quadid_logs.report.numbers import estimate, number, resolved
+from quadid_logs.report.strict_json import some_fields, strict_text
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.untrusted import printable
 
@@ -173,15 +173,10 @@ def comparison_text(before: Result, after: Result, comparison: Comparison) -> st
         },
         "quantities": [
             {
-                "name": item.name,
-                "axis": item.axis,
-                "unit": item.unit,
+                **some_fields(item, "name", "axis", "unit"),
                 "before": {"value": item.before, "ci95": item.ci95_before},
                 "after": {"value": item.after, "ci95": item.ci95_after},
-                "difference": item.difference,
-                "margin": item.margin,
-                "throttle_change": item.throttle_change,
-                "changed": item.changed,
+                **some_fields(item, "difference", "margin", "throttle_change", "changed"),
             }
             for item in comparison.quantities
         ],

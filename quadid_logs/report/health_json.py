@@ -26,6 +26,7 @@ from quadid_logs.data.health import (
     Tracking,
     Vibration,
 )
+from quadid_logs.report.strict_json import some_fields
 
 
 def health_dict(health: Health) -> dict[str, Any]:
@@ -66,12 +67,7 @@ def health_dict(health: Health) -> dict[str, Any]:
 def _topic(topic: Any, figures: Callable[[Any], dict[str, Any]]) -> dict[str, Any] | None:
     if topic is None:
         return None
-    return {
-        "sentence": topic.sentence,
-        "level": topic.level,
-        "findings": list(topic.findings),
-        **figures(topic),
-    }
+    return some_fields(topic, "sentence", "level", "findings") | figures(topic)
 
 
 def _course(course: Course) -> dict[str, Any]:
@@ -80,14 +76,7 @@ def _course(course: Course) -> dict[str, Any]:
 
 def _axes(tracking: Tracking) -> dict[str, Any]:
     return {
-        "axes": {
-            axis: {
-                "error_rms": one.error_rms,
-                "setpoint_rms": one.setpoint_rms,
-                "lag": one.lag,
-            }
-            for axis, one in tracking.axes.items()
-        },
+        "axes": tracking.axes,
         "off": tracking.off,
     }
 
@@ -96,9 +85,7 @@ def _steps(steps: Steps) -> dict[str, Any]:
     return {
         "axes": {
             axis: {
-                "half_time": one.half_time,
-                "overshoot": one.overshoot,
-                "overshoot_large": one.overshoot_large,
+                **some_fields(one, "half_time", "overshoot", "overshoot_large"),
                 "split": Quantity(one.split_rad_s, "rad/s"),
                 "windows": {curve.size: curve.n_windows for curve in one.curves},
             }
@@ -108,11 +95,7 @@ def _steps(steps: Steps) -> dict[str, Any]:
 
 
 def _standstill(standstill: Standstill) -> dict[str, Any]:
-    return {
-        "rotor": standstill.rotor + 1,
-        "time_s": standstill.time_s,
-        "length": standstill.length,
-    }
+    return {"rotor": standstill.rotor + 1, **some_fields(standstill, "time_s", "length")}
 
 
 def _line(line: Line) -> dict[str, Any]:
@@ -168,13 +151,7 @@ def _noise(noise: Noise) -> dict[str, Any]:
 def _command_noise(noise: CommandNoise) -> dict[str, Any]:
     return {
         "above": Quantity(noise.above_hz, "Hz"),
-        "axes": {
-            axis: {
-                "rms": one.rms,
-                "terms": dict(one.terms),
-            }
-            for axis, one in noise.axes.items()
-        },
+        "axes": {axis: some_fields(one, "rms", "terms") for axis, one in noise.axes.items()},
     }
 
 
@@ -182,8 +159,7 @@ def _vibration(vibration: Vibration) -> dict[str, Any]:
     return {
         "measure": vibration.measure,
         "p99": vibration.figure,
-        "limits": vibration.limits,
-        "clips": vibration.clips,
+        **some_fields(vibration, "limits", "clips"),
     }
 
 
@@ -197,9 +173,7 @@ def _motors(motors: Motors) -> dict[str, Any]:
         ],
         "spread": motors.spread,
         "hardest": motors.names[motors.hardest],
-        "headroom": motors.headroom,
-        "at_high": motors.at_high,
-        "at_low": motors.at_low,
+        **some_fields(motors, "headroom", "at_high", "at_low"),
     }
 
 
@@ -251,9 +225,7 @@ def _rotors(rotors: Rotors) -> dict[str, Any]:
                 "code": one.code,
                 "rotor": one.rotor + 1 if one.rotor >= 0 else None,
                 "time_s": None if np.isnan(one.time_s) else one.time_s,
-                "size": one.size,
-                "p_value": one.p_value,
-                "sentence": one.sentence,
+                **some_fields(one, "size", "p_value", "sentence"),
             }
             for one in rotors.faults
         ],

@@ -7,7 +7,7 @@ from pathlib import PurePath
 from typing import Any
 
 from quadid_logs.identify.horizons import HorizonPrediction, RatePredictor
-from quadid_logs.report.json import strict_text
+from quadid_logs.report.strict_json import strict_text
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 

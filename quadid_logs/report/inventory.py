@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from quadid_logs.autopilots import named
 from quadid_logs.counting import counted
 from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData
@@ -19,17 +18,16 @@ from quadid_logs.diagnose.data_findings import find_in_data
 from quadid_logs.diagnose.file_findings import find_in_file
 from quadid_logs.diagnose.gyro_findings import find_in_gyro
 from quadid_logs.identify.slow_yaw import may_tell_yaw
-from quadid_logs.report.airframe_facts import airframe_facts
 from quadid_logs.report.commands import like_log
 from quadid_logs.report.health_json import health_dict
-from quadid_logs.report.json import SCHEMA_VERSION, data_dict, finding_dict, log_dict, strict_text
-from quadid_logs.report.log_tables import flights_text, spans_text
-from quadid_logs.report.numbers import number, size
-from quadid_logs.sentences import some
+from quadid_logs.report.json import SCHEMA_VERSION, data_dict, log_dict
+from quadid_logs.report.log_tables import log_facts
+from quadid_logs.report.numbers import number
+from quadid_logs.report.strict_json import strict_text
 from quadid_logs.untrusted import printable
 
 _MOST_TYPES = 14
-_NAME_WIDTH = 11
+_NAME_WIDTH = 16
 
 
 def missing_for_analysis(log: FlightLog, data: FlightData) -> tuple[Finding, ...]:
@@ -58,7 +56,7 @@ def inventory_text(log: FlightLog, data: FlightData, health: Health) -> str:
         "modes": [{"time_s": mode.time_s, "name": mode.name} for mode in data.modes],
         "n_parameters": len(log.parameters),
         "health": health_dict(health),
-        "missing_for_analysis": [finding_dict(finding) for finding in missing_for_analysis(log, data)],
+        "missing_for_analysis": missing_for_analysis(log, data),
     }
     return strict_text(content)
 
@@ -78,9 +76,8 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
     Line
         Without control characters, whatever the log holds.
     """
-    yield Line(
-        f"{printable(log.path)}  {size(log.n_bytes)}, {log.format} {printable(log.dialect, 40)}".rstrip()
-    )
+    (_, file), *facts = _facts(log, data)
+    yield Line(file)
     # Whether `analyze` can work with the log, what it will complain about, and what to fly then.
     found = missing_for_analysis(log, data)
     missing = [finding for finding in found if finding.level == "error"]
@@ -103,7 +100,7 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
         if step not in told:
             yield Line(f"    then: {like_log(printable(step, 800), log.path)}", 6)
     yield Line("")
-    for name, value in (*_facts(log, data), *((name.lower(), value) for name, value in airframe_facts(log))):
+    for name, value in facts:
         if value:
             yield Line(f"  {name:<{_NAME_WIDTH}}{value}", 2 + _NAME_WIDTH)
     yield Line("")
@@ -126,35 +123,11 @@ def inventory_lines(log: FlightLog, data: FlightData) -> Iterator[Line]:
         yield Line(f"  Note: {printable(remark)}", 4)
 
 
-def _facts(log: FlightLog, data: FlightData) -> tuple[tuple[str, str], ...]:
-    """Return what the log is, name and value; empty where it says nothing."""
+def _facts(log: FlightLog, data: FlightData) -> Iterator[tuple[str, str]]:
+    """Yield what the log is as the report says it, and what is in it."""
+    yield from log_facts(log, data, analyzed=False)
+    yield "Modes", ", ".join(dict.fromkeys(printable(mode.name, 24) for mode in data.modes[:200]))
     most = sorted(log.counts, key=lambda count: -count.count)[:_MOST_TYPES]
     shown = ", ".join(f"{printable(count.name, 60)} {count.count}" for count in most)
     more = f" and {len(log.counts) - len(most)} more types" if len(log.counts) > len(most) else ""
-    systems = [
-        f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
-        f" {counted(system.n_messages, 'message')}" + (" (chosen)" if system.chosen else "")
-        for system in log.systems
-    ]
-    return (
-        ("autopilot", named(log.autopilot).title),
-        ("firmware", printable(log.firmware, 120)),
-        ("vehicle", ", ".join(filter(None, map(printable, (log.vehicle_type, log.frame, log.vehicle_name))))),
-        (
-            "time",
-            f"{data.start_s:.1f} to {data.start_s + data.duration_s:.1f} s, "
-            f"{counted(data.clock_resets, 'clock reset')}"
-            if log.has_time
-            else "not logged",
-        ),
-        ("flights", flights_text(log, data)),
-        ("analyzable", spans_text((part.start_s, part.end_s) for part in data.segments) or "nothing"),
-        (
-            "lost",
-            f"{size(log.corrupt_bytes)} unreadable, "
-            f"{counted(log.n_dropped, 'message')} dropped by the autopilot",
-        ),
-        ("modes", ", ".join(dict.fromkeys(printable(mode.name, 24) for mode in data.modes[:200]))),
-        ("systems", some(systems, log.n_systems)),
-        ("messages", shown + more),
-    )
+    yield "Messages", shown + more

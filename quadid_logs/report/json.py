@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
-import math
-from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,9 +10,7 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.filters import lines_of
 from quadid_logs.data.closed_loop import Estimated
-from quadid_logs.data.diagnosis import Finding
 from quadid_logs.data.flight import FlightData, GyroCheck, InputDescription
-from quadid_logs.data.health import Quantity
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import (
     Actuator,
@@ -26,16 +21,16 @@ from quadid_logs.data.model import (
 )
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
-from quadid_logs.data.torque import TorqueModel
 from quadid_logs.maths.sliding_windows import weakest_words
 from quadid_logs.report.calibration_parts import calibration_half_width, flight_interval
 from quadid_logs.report.health_json import health_dict
 from quadid_logs.report.loop_json import closed_loop_dict
 from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.strict_json import fields_of, plain, some_fields, strict_text
 from quadid_logs.vocabulary import AXES
 
 if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
+    pass
 
 #: The on-axis control effectiveness of roll, pitch and yaw.
 _ON_AXIS_NAMES = ("B11", "B22", "B33")
@@ -92,38 +87,28 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
     content: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
         "log": log_dict(result.log, result.data),
-        "pooled": [fields_of(each) for each in result.pooled],
+        "pooled": result.pooled,
         "data": data_dict(result.data),
         "models": [_model(model, result.data.input) for model in result.identification.models],
         "axes": {
             name: {"verdict": one.verdict, "reasons": one.reasons, "sentence": one.sentence}
             for name, one in result.diagnosis.axes.items()
         },
-        "findings": [finding_dict(finding) for finding in result.diagnosis.findings],
+        "findings": result.diagnosis.findings,
         "closed_loop": None
         if result.closed_loop is None
         else closed_loop_dict(result.closed_loop, lines_of(result.health)),
         "excitation": {
-            item.axis: {
-                "torque_rms": item.torque_rms,
-                "rate_rms_rad_s": item.rate_rms_rad_s,
-                "signal_to_noise": item.signal_to_noise,
-            }
+            item.axis: some_fields(item, "torque_rms", "rate_rms_rad_s", "signal_to_noise")
             for item in result.identification.excitation
         },
         "health": None if result.health is None else health_dict(result.health),
         "thrust_curve": None
         if curve is None
         else {
-            "expo": {"value": curve.expo, "ci95": curve.ci95},
-            "assumed": curve.assumed,
-            "parameter": curve.parameter,
-            "identifiable": curve.identifiable,
-            "reason": curve.reason,
-            "corrected": curve.corrected,
-            "thrust_over_mean": curve.thrust_over_mean,
-            "effectiveness": curve.effectiveness,
-            "effectiveness_ci95": curve.effectiveness_ci95,
+            "expo": Estimated(curve.expo, curve.ci95),
+            **some_fields(curve, "assumed", "parameter", "identifiable", "reason", "corrected"),
+            **some_fields(curve, "thrust_over_mean", "effectiveness", "effectiveness_ci95"),
         },
         "spectral": _spectral(result.identification),
         "skipped": result.identification.skipped,
@@ -142,33 +127,6 @@ def _content(result: Result, provenance: Provenance | None) -> dict[str, Any]:
     return content
 
 
-def plain(value: Any) -> Any:
-    """Return a value as JSON knows it, a figure with its interval by its fields."""
-    if isinstance(value, Estimated | Quantity):
-        value = value._asdict()
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, Iterable):
-        return [plain(item) for item in value]
-    return str(value)
-
-
-def strict_text(content: Mapping[str, Any], *, compact: bool = False) -> str:
-    """Return values as strict JSON in ASCII, in one line if `compact`."""
-    return json.dumps(plain(content), indent=None if compact else 1, allow_nan=False) + "\n"
-
-
-def fields_of(value: DataclassInstance) -> dict[str, Any]:
-    """Return the fields of a dataclass by name, without copying them."""
-    return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-
-
 def settings_of(settings: Settings) -> dict[str, Any]:
     """Return the settings of all stages by name."""
     every: dict[str, Any] = {}
@@ -183,34 +141,17 @@ def settings_of(settings: Settings) -> dict[str, Any]:
 
 def log_dict(log: FlightLog, data: FlightData) -> dict[str, Any]:
     """Return ``log``."""
+    model = log.torque
     return {
-        "path": log.path,
-        "format": log.format,
-        "dialect": log.dialect,
-        "autopilot": log.autopilot,
-        "firmware": log.firmware,
-        "vehicle_type": log.vehicle_type,
-        "vehicle_name": log.vehicle_name,
-        "frame": log.frame,
-        "airframe": None if log.torque is None else airframe_dict(log.torque),
+        **some_fields(log, "path", "format", "dialect", "autopilot", "firmware"),
+        **some_fields(log, "vehicle_type", "vehicle_name", "frame"),
+        "airframe": None if model is None else fields_of(model) | {"n_rotors": model.n_rotors},
         "n_bytes": log.n_bytes,
-        "start_s": data.start_s,
-        "duration_s": data.duration_s,
-        "corrupt_bytes": log.corrupt_bytes,
-        "lost": [fields_of(block) for block in log.lost],
-        "n_dropped": log.n_dropped,
+        **some_fields(data, "start_s", "duration_s"),
+        **some_fields(log, "corrupt_bytes", "lost", "n_dropped"),
         "clock_resets": data.clock_resets,
         "remarks": log.remarks,
     }
-
-
-def airframe_dict(model: TorqueModel) -> dict[str, Any]:
-    """Return ``log.airframe``: what is known of rotors, outputs and calibration."""
-    content = fields_of(model)
-    content["n_rotors"] = model.n_rotors
-    content["calibration"] = fields_of(model.calibration)
-    content["check"] = None if model.check is None else fields_of(model.check)
-    return content
 
 
 def data_dict(data: FlightData) -> dict[str, Any]:
@@ -231,14 +172,9 @@ def data_dict(data: FlightData) -> dict[str, Any]:
         "rates": rates,
         "input": None
         if described is None
-        else {
-            "kind": described.kind,
-            "unit": described.unit,
-            "source": described.source,
-            "saturated_fraction": described.saturated_fraction,
-            "achieved": described.achieved,
-            "calibration": fields_of(described.calibration),
-        },
+        else some_fields(
+            described, "kind", "unit", "source", "saturated_fraction", "achieved", "calibration"
+        ),
         "gyro_check": None if data.gyro_check is None else _gyro(data.gyro_check),
         "on_ground_reason": data.on_ground_reason,
     }
@@ -255,10 +191,7 @@ def _gyro(check: GyroCheck) -> dict[str, Any]:
         "high": high,
         "explained": check.explained,
         "bias_rad_s": check.bias_rad_s,
-        "lag_s": {
-            "value": check.lag_s,
-            "ci95": [check.lag_s - check.lag_half_width_s, check.lag_s + check.lag_half_width_s],
-        },
+        "lag_s": _within(check.lag_s, check.lag_half_width_s),
     }
 
 
@@ -266,26 +199,23 @@ def _spectral(identification: Identification) -> dict[str, Any]:
     """Return ``spectral``: by axis, empty where nothing tells what was commanded."""
     return {
         axis: {
-            "effectiveness": {
-                "value": fit.gain,
-                "ci95": (fit.gain - fit.half_width, fit.gain + fit.half_width),
-            },
+            "effectiveness": _within(fit.gain, fit.half_width),
             "damping_1_s": fit.mean[1],
             "lag_s": fit.mean[2],
             "delay_s": fit.mean[3],
-            "departure": fit.departure,
-            "r2_commanded": fit.r2_commanded,
+            **some_fields(fit, "departure", "r2_commanded"),
             "torque_commanded": fit.commanded,
             "segments": fit.n_blocks,
             "sound": fit.is_sound,
-            "used": fit.used,
-            "planned": fit.planned,
-            "repeated": fit.repeated,
-            "effects": fit.effects,
+            **some_fields(fit, "used", "planned", "repeated", "effects"),
             "effectiveness_with_effects": 1.0 + fit.shift,
         }
         for axis, fit in zip(AXES, identification.spectral, strict=False)
     }
+
+
+def _within(value: float, half_width: float) -> Estimated:
+    return Estimated(value, (value - half_width, value + half_width))
 
 
 def _model(model: Model, given: InputDescription | None) -> dict[str, Any]:
@@ -298,36 +228,18 @@ def _model(model: Model, given: InputDescription | None) -> dict[str, Any]:
             content["ci95_flight"] = flight_interval(parameter, given)
         parameters.append(content)
     return {
-        "structure": model.structure,
-        "recommended": model.recommended,
-        "states": model.states,
-        "regressors": model.regressors,
-        "targets": model.targets,
-        "inputs": model.inputs,
+        **some_fields(model, "structure", "recommended", "states", "regressors", "targets", "inputs"),
         "A": model.A,
         "B": model.B,
         "parameters": parameters,
         "actuator": None if model.actuator is None else _actuator(model.actuator),
         "yaw_reaction": None
         if model.yaw_reaction is None
-        else {"lead_s": {"value": model.yaw_reaction.lead_s, "ci95": model.yaw_reaction.ci95_s}},
-        "inertia_kg_m2": None
-        if model.inertia is None
-        else {
-            "matrix": model.inertia.matrix,
-            "ci95_low": model.inertia.ci95_low,
-            "ci95_high": model.inertia.ci95_high,
-        },
+        else {"lead_s": Estimated(model.yaw_reaction.lead_s, model.yaw_reaction.ci95_s)},
+        "inertia_kg_m2": model.inertia,
         "windows": None if model.windows is None else _windows(model, model.windows),
-        "validation": fields_of(model.validation),
-        "discrete": None
-        if model.discrete is None
-        else {
-            "sample_period_s": model.discrete.sample_period_s,
-            "states": model.discrete.states,
-            "A_d": model.discrete.A_d,
-            "B_d": model.discrete.B_d,
-        },
+        "validation": model.validation,
+        "discrete": model.discrete,
         "smoothing_hz": model.smoothing_hz,
         "condition_number": model.condition_number,
         "band_check": None if model.band is None else _band(model.band),
@@ -372,9 +284,7 @@ def _actuator(actuator: Actuator) -> dict[str, Any]:
             "ci95": actuator.delay_ci95_s,
             "identifiable": actuator.delay_identifiable,
         },
-        "acts_on": actuator.acts_on,
-        "lag_up_s": actuator.lag_up_s,
-        "lag_down_s": actuator.lag_down_s,
+        **some_fields(actuator, "acts_on", "lag_up_s", "lag_down_s"),
     }
 
 
@@ -390,9 +300,7 @@ def _windows(model: Model, windows: Windows) -> dict[str, Any]:
         spread = {"median": float(middle), "p05": float(low), "p95": float(high)}
     return {
         "n": windows.time_s.shape[0],
-        "width": windows.width,
-        "stride": windows.stride,
-        "period_s": windows.period_s,
+        **some_fields(windows, "width", "stride", "period_s"),
         "used": int(np.count_nonzero(windows.used)),
         "weakest": weakest_words(windows.weakest, (*model.regressors, *model.inputs)),
         "condition_number": spread,
@@ -425,8 +333,3 @@ def _band(check: BandCheck) -> dict[str, Any]:
         "gain": dict(zip(_ON_AXIS_NAMES, check.on_axis_gain.T, strict=True)),
         "spread": dict(zip(_ON_AXIS_NAMES, check.spread, strict=True)),
     }
-
-
-def finding_dict(finding: Finding) -> dict[str, Any]:
-    """Return an entry of ``findings``."""
-    return fields_of(finding)

@@ -26,9 +26,14 @@ _MAIN_SIGNALS = frozenset({"torque_n_m", "torque_command", "body_rate", "attitud
 MOST_ROWS = 60
 
 
-def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
-    """Return what the log is."""
-    log, data = result.log, result.data
+def log_facts(log: FlightLog, data: FlightData, *, analyzed: bool) -> tuple[tuple[str, str], ...]:
+    """Return what the log is, name and value: for the report and for ``info``.
+
+    Parameters
+    ----------
+    analyzed : bool
+        Whether a model was fitted to what has no gaps.
+    """
     period_s = data.sample_period_s
     lost = f"{size(log.corrupt_bytes)} in {counted(len(log.lost), 'block')}"
     dropped = f"{counted(log.n_dropped, 'message')} dropped by the autopilot"
@@ -41,10 +46,11 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
     titles = {(one.name, one.dialect): one.title for one in formats()}
     plain = titles.get((log.format, ""), printable(log.format, 40))
     title = titles.get((log.format, log.dialect), f"{plain} {printable(log.dialect, 40)}".rstrip())
-    clock = "covers no time"
-    if data.duration_s > 0.0:
+    clock = "covers no time" if log.has_time else "not logged"
+    if log.has_time and data.duration_s > 0.0:
         resets = counted(data.clock_resets, "reset") if data.clock_resets else "no resets"
-        clock = f"{seconds(data.duration_s)}, from {data.start_s:.1f} s on the log's clock; {resets}"
+        ends = f"{data.start_s:.1f} to {data.start_s + data.duration_s:.1f} s on the log's clock"
+        clock = f"{seconds(data.duration_s)}, {ends}; {resets}"
     facts = [
         ("File", f"{printable(log.path)} ({size(log.n_bytes)})"),
         ("Format", title),
@@ -59,7 +65,7 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
         ("Torque", torque),
         ("Flights", flights_text(log, data)),
         (
-            "Analyzed" if result.identification.recommended else "Without gaps",
+            "Analyzed" if analyzed else "Without gaps",
             spans_text((item.start_s, item.end_s) for item in data.segments) or "nothing",
         ),
         ("Resampled to", f"{1.0 / period_s:.4g} Hz" if math.isfinite(period_s) and period_s > 0 else "–"),
@@ -69,7 +75,7 @@ def log_facts(result: Result) -> tuple[tuple[str, str], ...]:
     if log.systems:
         systems = [
             f"{system.system_id}/{system.component_id} {printable(system.vehicle_type, 30)}"
-            + (" (chosen)" if system.chosen else "")
+            f" {counted(system.n_messages, 'message')}" + (" (chosen)" if system.chosen else "")
             for system in log.systems
         ]
         facts.append(("MAVLink systems", some(systems, log.n_systems)))

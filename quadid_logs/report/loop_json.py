@@ -11,6 +11,7 @@ from quadid_logs.data.closed_loop import AxisLoop, ClosedLoop, Estimated, LoopMa
 from quadid_logs.data.controller import CommandUnit, Replay
 from quadid_logs.data.health import Line
 from quadid_logs.data.outer_loops import OuterLoops
+from quadid_logs.report.strict_json import some_fields
 
 #: Of `Margins`, each with its interval.
 MARGIN_FIGURES: Final = (
@@ -22,6 +23,11 @@ MARGIN_FIGURES: Final = (
     "delay_margin_s",
     "disk_margin",
     "peak_sensitivity",
+)
+#: Of `Prediction`.
+_PREDICTION: Final = (
+    *("rate_fit_percent", "torque_fit_percent", "attainable_percent"),
+    *("held_out_s", "effectiveness", "at_limits"),
 )
 
 
@@ -41,9 +47,7 @@ def closed_loop_dict(loop: ClosedLoop, lines: Mapping[str, Sequence[Line]]) -> d
     controllers = loop.controllers
     return {
         "controller": controllers.name,
-        "firmware": controllers.firmware,
-        "version_read": controllers.version_read,
-        "version_note": controllers.version_note,
+        **some_fields(controllers, "firmware", "version_read", "version_note"),
         "remarks": [
             {"kind": remark.kind.value, "axis": remark.axis, "values": remark.values}
             for remark in controllers.remarks
@@ -55,23 +59,14 @@ def closed_loop_dict(loop: ClosedLoop, lines: Mapping[str, Sequence[Line]]) -> d
                 "replay": None if found.replay is None else _replay(found.replay),
                 "prediction": None
                 if found.prediction is None
-                else {
-                    "rate_fit_percent": found.prediction.rate_fit_percent,
-                    "torque_fit_percent": found.prediction.torque_fit_percent,
-                    "attainable_percent": found.prediction.attainable_percent,
-                    "held_out_s": found.prediction.held_out_s,
-                    "effectiveness": found.prediction.effectiveness,
-                    "at_limits": found.prediction.at_limits,
-                },
+                else some_fields(found.prediction, *_PREDICTION),
                 **margins_and_step(found),
                 "known_to_hz": found.known_hz,
                 "contradicted": found.contradicted,
                 "frame": None
                 if found.frame is None
                 else {
-                    "seen": found.frame.seen,
-                    "line_hz": found.frame.line_hz,
-                    "line_height": found.frame.line_height,
+                    **some_fields(found.frame, "seen", "line_hz", "line_height"),
                     "absent_probability": found.frame.absent,
                     "visible_hz": found.frame.visible_hz,
                 },
@@ -131,11 +126,7 @@ def _outer(outer: OuterLoops | None) -> dict[str, Any] | None:
             for axis, found in outer.attitude.items()
         },
         "shaper": {
-            axis: {
-                "relative_rms": found.relative_rms,
-                "unshaped_rms": found.unshaped_rms,
-                "n_rows": found.n_rows,
-            }
+            axis: some_fields(found, "relative_rms", "unshaped_rms", "n_rows")
             for axis, found in outer.shaper.items()
         },
         "cascades": {
@@ -146,11 +137,8 @@ def _outer(outer: OuterLoops | None) -> dict[str, Any] | None:
                 "integral_gain_over_parameter": found.integral,
                 "position_relative_rms": found.position_rms,
                 "velocity_relative_rms": found.velocity_rms,
-                "velocity_error_m_s": found.velocity_error_m_s,
-                "velocity_moved_m_s": found.velocity_moved_m_s,
-                "position_error_m": found.position_error_m,
-                "n_rows": found.n_rows,
-                "row_s": found.row_s,
+                **some_fields(found, "velocity_error_m_s", "velocity_moved_m_s", "position_error_m"),
+                **some_fields(found, "n_rows", "row_s"),
             }
             for direction, found in outer.cascades.items()
         },
@@ -175,11 +163,7 @@ def margins_and_step(found: AxisLoop) -> dict[str, Any]:
         "margins": loops_dict(margins),
         "step": None
         if step is None
-        else {
-            "rise_time_s": step.rise_time_s,
-            "overshoot_percent": step.overshoot_percent,
-            "settling_time_s": step.settling_time_s,
-        },
+        else some_fields(step, "rise_time_s", "overshoot_percent", "settling_time_s"),
     }
 
 
@@ -190,9 +174,7 @@ def _replay(replay: Replay) -> dict[str, Any]:
         "relative_rms": terms.pop("output", None),
         "agrees": replay.agrees,
         "reason": None if replay.reason is None else replay.reason.value,
-        "parameter": replay.parameter,
-        "numbers": replay.numbers,
-        "n_rows": replay.n_rows,
+        **some_fields(replay, "parameter", "numbers", "n_rows"),
         "terms": terms,
         "as_logged": list(replay.as_logged),
     }
@@ -211,9 +193,4 @@ def margins_dict(margins: Margins) -> dict[str, Any]:
 
     Values not yet `plain`.
     """
-    return {
-        "stable": margins.stable,
-        "stable_fraction": margins.stable_fraction,
-        "extrapolated": margins.extrapolated,
-        **{name: getattr(margins, name) for name in MARGIN_FIGURES},
-    }
+    return some_fields(margins, "stable", "stable_fraction", "extrapolated", *MARGIN_FIGURES)

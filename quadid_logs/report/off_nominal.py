@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -13,6 +12,7 @@ from quadid_logs.data.tuning import AxisTuning, Tuning
 from quadid_logs.report.cells import Cell, Table
 from quadid_logs.report.loop_json import loops_dict
 from quadid_logs.report.numbers import interval, number, resolved
+from quadid_logs.report.strict_json import some_fields
 
 _BATTERIES: Final = (ConditionKind.BATTERY_FULL, ConditionKind.BATTERY_EMPTY)
 
@@ -102,16 +102,12 @@ def off_nominal_dict(found: AxisTuning) -> list[dict[str, Any]]:
     return [
         {
             "condition": one.condition.kind.value,
-            "mass": one.condition.mass,
-            "inertia": one.condition.inertia,
-            "density": one.condition.density,
-            "propeller": one.condition.propeller,
-            "voltage_v": one.condition.voltage_v if math.isfinite(one.condition.voltage_v) else None,
+            **some_fields(one.condition, "mass", "inertia", "density", "propeller", "voltage_v"),
             "effectiveness": one.effectiveness,
             "lag": one.lag,
             "now": loops_dict(one.now),
             "next": loops_dict(one.next),
-            "part_of_limits": one.spare if math.isfinite(one.spare) else None,
+            "part_of_limits": one.spare,
             "worst": one.worst,
         }
         for one in found.off_nominal

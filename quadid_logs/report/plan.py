@@ -13,8 +13,8 @@ from quadid_logs.commands import LOG, NEXT_LOG, command
 from quadid_logs.data.model import Parameter
 from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.planning import Plan, Prediction
-from quadid_logs.report.json import strict_text
 from quadid_logs.report.numbers import estimate, number
+from quadid_logs.report.strict_json import strict_text
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, ON_AXIS

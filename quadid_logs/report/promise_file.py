@@ -14,9 +14,9 @@ from quadid_logs.data.off_nominal import OFF_NOMINAL, Ranges, checked
 from quadid_logs.data.promise import AxisPromise, Gain, Promise, QuantityKind, VehicleQuantity
 from quadid_logs.data.tuning import Limits, TuningVerdict
 from quadid_logs.errors import PromiseFileError, SettingsError
-from quadid_logs.report.json import fields_of, strict_text
 from quadid_logs.report.loop_json import MARGIN_FIGURES, loops_dict
 from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.strict_json import fields_of, some_fields, strict_text
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 
@@ -47,21 +47,10 @@ def promise_text(promise: Promise, provenance: Provenance) -> str:
         "tool": {"name": "quadid-logs", **fields_of(provenance)},
         "log": {"name": promise.log, "sha256": promise.log_sha256},
         "vehicle": {
-            "autopilot": promise.autopilot,
-            "frame": promise.frame,
-            "hardware_id": promise.hardware_id,
-            "n_cells": promise.n_cells,
-            "throttle": promise.throttle,
-            "throttle_powers": promise.throttle_powers,
-            "structure": promise.structure,
+            **some_fields(promise, "autopilot", "frame", "hardware_id", "n_cells"),
+            **some_fields(promise, "throttle", "throttle_powers", "structure"),
             "quantities": [
-                {
-                    "kind": one.kind.value,
-                    "axis": one.axis,
-                    "command": one.command,
-                    "value": one.value,
-                    "ci95": one.ci95,
-                }
+                {"kind": one.kind.value, **some_fields(one, "axis", "command", "value", "ci95")}
                 for one in promise.quantities
             ],
             "balance": balance,

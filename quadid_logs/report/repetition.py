@@ -9,8 +9,8 @@ from typing import Any, Final
 
 from quadid_logs.counting import counted
 from quadid_logs.repetition import FlightEstimate, Repeatability, RepeatedQuantity
-from quadid_logs.report.json import strict_text
 from quadid_logs.report.numbers import number, plus_minus
+from quadid_logs.report.strict_json import some_fields, strict_text
 from quadid_logs.report.words import pretty_unit
 from quadid_logs.sentences import listed
 from quadid_logs.untrusted import printable
@@ -195,10 +195,7 @@ def repetition_text(found: Repeatability) -> str:
 def _quantity_dict(quantity: RepeatedQuantity) -> dict[str, Any]:
     mean = quantity.mean
     return {
-        "name": quantity.name,
-        "kind": quantity.kind,
-        "axis": quantity.axis,
-        "unit": quantity.unit,
+        **some_fields(quantity, "name", "kind", "axis", "unit"),
         "mean": {"value": mean.value, "ci95": (mean.value - mean.half_width, mean.value + mean.half_width)},
         "between_flights": {"sd": mean.sd, "ci95": mean.sd_ci95, "p_value": quantity.p_value},
         "differs": quantity.differs,
@@ -218,12 +215,6 @@ def _quantity_dict(quantity: RepeatedQuantity) -> dict[str, Any]:
             }
             for each in quantity.estimates
         ],
-        "pairs": [
-            {"flights": each.flights, "z": each.z, "p_value": each.p_value, "differs": each.differs}
-            for each in quantity.pairs
-        ],
-        "outliers": [
-            {"flight": each.flight, "difference": each.difference, "p_value": each.p_value}
-            for each in quantity.outliers
-        ],
+        "pairs": [some_fields(each, "flights", "z", "p_value", "differs") for each in quantity.pairs],
+        "outliers": quantity.outliers,
     }

@@ -10,8 +10,8 @@ import numpy as np
 from quadid_logs.bifilar import Bifilar, Swing
 from quadid_logs.counting import counted
 from quadid_logs.data.vehicle import Vehicle
-from quadid_logs.report.json import fields_of, strict_text
 from quadid_logs.report.numbers import estimate, number, plus_minus
+from quadid_logs.report.strict_json import fields_of, strict_text
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES
 

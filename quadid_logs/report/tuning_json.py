@@ -10,10 +10,11 @@ from quadid_logs.control.room import has_way_back, missed
 from quadid_logs.data.autotune import AutotuneForecast, ProcedureKind
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import Tuning
-from quadid_logs.report.json import fields_of, finding_dict, log_dict, strict_text
+from quadid_logs.report.json import log_dict
 from quadid_logs.report.loop_json import loops_dict
 from quadid_logs.report.off_nominal import off_nominal_dict
 from quadid_logs.report.provenance import Provenance
+from quadid_logs.report.strict_json import fields_of, some_fields, strict_text
 from quadid_logs.untrusted import printable
 
 #: Minor steps add keys, a major step changes or removes one.
@@ -62,7 +63,7 @@ def tuning_text(
                 "more_flights": found.more_flights,
                 "flights_to_limits": found.flights_to_limits,
                 "reasons": [one.code for one in found.reasons],
-                "findings": [finding_dict(one) for one in found.reasons],
+                "findings": found.reasons,
                 "gains": {name: change._asdict() for name, change in found.gains.items()},
                 "filters": {name: change._asdict() for name, change in found.filters.items()},
                 "now": loops_dict(found.now),
@@ -77,10 +78,8 @@ def tuning_text(
                 one.kind.value: {
                     "procedure": one.title,
                     "gains": {name: list(ends) for name, ends in one.gains.items()},
-                    "gain_margin_db": one.gain_margin_db,
-                    "phase_margin_deg": one.phase_margin_deg,
-                    "unstable_fraction": one.unstable_fraction,
-                    "ended_fraction": one.ended_fraction,
+                    **some_fields(one, "gain_margin_db", "phase_margin_deg"),
+                    **some_fields(one, "unstable_fraction", "ended_fraction"),
                 }
                 for one in (forecasts or {}).get(axis, ())
             }

@@ -153,7 +153,7 @@ def view_of(result: Result, provenance: Provenance) -> View:
         model_tables=() if model is None else model_tables(result, model),
         more_tables=() if model is None else more_tables(result, model),
         steps=next_steps(result),
-        facts=log_facts(result),
+        facts=log_facts(log, result.data, analyzed=model is not None),
         signals=main_signals(result),
         more_signals=other_signals(result),
         lost_blocks=lost_blocks(result),

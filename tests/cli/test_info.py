@@ -37,7 +37,7 @@ def test_what_to_do_is_that_of_the_autopilot(corpus: Path, capsys: pytest.Captur
     assert main(["info", str(corpus / "real" / "ac30-quadV-underpowered.log")]) == 0
     out = capsys.readouterr().out
     assert "Update the firmware to 4.0 or later" in out
-    assert "  time       not logged" in out
+    assert "  Clock           not logged" in out
 
 
 def test_lines_end_where_the_terminal_does(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -57,5 +57,5 @@ def test_of_a_rover_no_rotors_are_told(corpus: Path, capsys: pytest.CaptureFixtu
     """Its rotors were said to have run as on a bench, and its airframe to be told with [[rotor]] tables."""
     assert main(["info", str(corpus / "real" / "rover246-real-61.bin")]) == 0
     out = capsys.readouterr().out
-    assert "  flights    this is not a multirotor" in out
+    assert "  Flights         this is not a multirotor" in out
     assert "rotor" not in out.replace("multirotor", "")

@@ -13,9 +13,9 @@ from quadid_logs.data.controller import FilterPlace, NamedFilter, Replay, Replay
 from quadid_logs.data.health import Health, Line, Noise
 from quadid_logs.data.log import Notch
 from quadid_logs.data.result import Result
-from quadid_logs.report.json import plain
 from quadid_logs.report.loop_json import closed_loop_dict
 from quadid_logs.report.loop_view import loop_view
+from quadid_logs.report.strict_json import plain
 from tests.synthetic_results import refused_result, usable_result
 
 
