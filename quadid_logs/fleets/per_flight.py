@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from quadid_logs.align import Prepared, cut
+from quadid_logs.align import cut
 from quadid_logs.control.closed_loop import LoopPart
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
@@ -63,35 +63,6 @@ def analyze_flights(
             yield from analyze_flights(path, one, vehicle, loop, published=published)
         return
     read_s = time.perf_counter() - began
-    yield from judge_flights(prepared, settings, vehicle, read_s, loop, published=published)
-
-
-def judge_flights(
-    prepared: Prepared,
-    settings: Settings,
-    vehicle: Vehicle | None,
-    read_s: float,
-    loop: LoopPart = "whole",
-    *,
-    published: bool = True,
-) -> Iterator[Result]:
-    """Analyze each flight of a log that was read.
-
-    Parameters
-    ----------
-    settings, vehicle
-        As of `analyze_flights`.
-    read_s : float
-        How long reading took [s].
-    loop : {"whole", "verdict"}
-    published : bool
-        As of `judge`.
-
-    Yields
-    ------
-    Result
-        As `analyze_flights`.
-    """
     flights = prepared.flights
     parts = [settings]
     if 2 <= len(flights) <= MOST_FLIGHTS:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,7 +20,6 @@ from quadid_logs.version import __version__
 from quadid_logs.vocabulary import AXES
 
 if TYPE_CHECKING:
-    from quadid_logs.align import Prepared
     from quadid_logs.data.result import Result
 
 #: The page of every result, and what `quadid-log analyze` calls the numbers.
@@ -73,7 +73,7 @@ def _analyze(job: Job, tell: Tell) -> Done:
     from quadid_logs.report.json import json_text
     from quadid_logs.report.provenance import Provenance
 
-    prepared, result, lengths_s = _result_of(job, 0, tell)
+    result, lengths_s = _result_of(job, 0, tell)
     file = LogFile(url=job.names[0], n_bytes=job.n_bytes, modified_s=float(job.options["modified_s"]))
     rows = result_rows([result], file, job.sha256[0], Options().rules)
     summary = _summary(result, rows[0], lengths_s or job.options.get("lengths_s", {}))
@@ -87,11 +87,11 @@ def _analyze(job: Job, tell: Tell) -> Done:
     if not (len(result.data.flights) < 2 and (model is None or model.structure == Options().structure)):
         tell("adding it to the history", summary)
         # Analyze each flight alone, in the structure that all flights of the history have.
-        from quadid_logs.fleets.per_flight import judge_flights
+        from quadid_logs.fleets.per_flight import analyze_flights
 
         settings = dataclasses.replace(Options().settings, log=result.settings.log)
         by_flight = result_rows(
-            tuple(judge_flights(prepared, settings, None, result.timings_s["read"], "verdict")),
+            tuple(analyze_flights(Path(job.logs[0]), settings, None, "verdict")),
             file,
             job.sha256[0],
             Options().rules,
@@ -101,38 +101,22 @@ def _analyze(job: Job, tell: Tell) -> Done:
     return Done(summary=summary, outcome=Outcome(file=file, sha256=job.sha256[0], rows=rows))
 
 
-def _result_of(job: Job, which: int, tell: Tell) -> tuple[Prepared, Result, dict[str, float]]:
+def _result_of(job: Job, which: int, tell: Tell) -> tuple[Result, dict[str, float]]:
     """Analyze one log under the name that its owner knows; of a file with several the chosen or longest.
 
-    The last is how long each log of the file is [s], where none was chosen of several.
+    The second is how long each log of the file is [s], where none was chosen of several.
     """
-    import time
-
-    from quadid_logs.align import cut
     from quadid_logs.data.settings import Settings
-    from quadid_logs.health import health_of
-    from quadid_logs.load import load
-    from quadid_logs.pipeline import judge
+    from quadid_logs.pipeline import analyze
 
-    settings, lengths_s = Settings(log=job.numbers[which]), {}
-    began = time.perf_counter()
-    tell("read", None)
+    run = partial(analyze, job.logs[which], progress=lambda stage: tell(stage, None))
+    lengths_s = {}
     try:
-        prepared = load(job.logs[which], settings)
+        result = run(Settings(log=job.numbers[which]))
     except SeveralLogsError as several:
-        settings = Settings(log=several.longest)
         lengths_s = {str(number): length for number, length in several.durations_s.items()}
-        prepared = load(job.logs[which], settings)
-    named = dataclasses.replace(prepared, log=dataclasses.replace(prepared.log, path=job.names[which]))
-    read = time.perf_counter()
-    tell("align", None)
-    data = cut(named, settings.align)
-    aligned = time.perf_counter()
-    health = health_of(named, data)
-    timings_s = {"read": read - began, "align": aligned - read, "health": time.perf_counter() - aligned}
-    tell("identify", None)
-    result = judge(named.log, data, settings, vehicle=None, health=health, timings_s=timings_s)
-    return named, result, lengths_s
+        result = run(Settings(log=several.longest))
+    return dataclasses.replace(result, log=dataclasses.replace(result.log, path=job.names[which])), lengths_s
 
 
 def _summary(result: Result, row: Mapping[str, Any], lengths_s: Mapping[str, float]) -> dict[str, Any]:
@@ -171,7 +155,7 @@ def _compare(job: Job, tell: Tell) -> Done:
     from quadid_logs.report.comparison import comparison_lines, comparison_text
     from quadid_logs.report.comparison_page import comparison_page
 
-    before, after = (_result_of(job, which, tell)[1] for which in (0, 1))
+    before, after = (_result_of(job, which, tell)[0] for which in (0, 1))
     comparison = compare(before, after)
     tell("writing the report", None)
     drawn = (comparison_figure(comparison), loop_comparison_figure(before, after))
@@ -194,7 +178,7 @@ def _tune(job: Job, tell: Tell) -> Done:
     from quadid_logs.report.tune_view import headline
     from quadid_logs.tuning import tuning_of
 
-    result, *earlier = (_result_of(job, which, tell)[1] for which in range(len(job.logs)))
+    result, *earlier = (_result_of(job, which, tell)[0] for which in range(len(job.logs)))
     result = with_earlier(result, earlier)
     tell("tune", None)
     tuning = tuning_of(result)

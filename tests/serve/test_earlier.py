@@ -65,7 +65,7 @@ def test_a_question_for_gains_asks_the_earlier_flights(
     """One that tells of a vehicle twice as effective contradicts the log: its gains are refused."""
     now = of_axes(flown("ardupilot"), "roll")
     results = [now, twice_as_effective(now)]
-    monkeypatch.setattr(jobs, "_result_of", lambda _job, which, _tell: (None, results[which], {}))
+    monkeypatch.setattr(jobs, "_result_of", lambda _job, which, _tell: (results[which], {}))
     do(tune_job(tmp_path, "a", "b"), lambda *_: None)
     (told,) = json.loads((tmp_path / "tune.json").read_text())["earlier"]
     assert told["differ"] == ["roll"]
@@ -86,7 +86,7 @@ def test_the_page_of_a_tuning_lets_one_try_other_gains(
 ) -> None:
     """As that of the verb does."""
     now = of_axes(flown("ardupilot"), "roll")
-    monkeypatch.setattr(jobs, "_result_of", lambda *_: (None, now, {}))
+    monkeypatch.setattr(jobs, "_result_of", lambda *_: (now, {}))
     do(tune_job(tmp_path, "a"), lambda *_: None)
     assert 'id="what-if-data"' in (tmp_path / "report.html").read_text()
 
