@@ -110,23 +110,23 @@ class Autopilot:
         """Return the formats of its logs, those with the surest marks first."""
         return ()
 
-    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:  # noqa: ARG002
+    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:
         """Tell the frame, its motors and outputs from a log's parameters."""
         from quadid_logs.actuation.airframe import Unknown
 
         return Unknown(remark="The log names neither autopilot nor frame.")
 
-    def rebuild(self, log: CleanLog, airframe: Airframe) -> Rebuilt:  # noqa: ARG002
+    def rebuild(self, log: CleanLog, airframe: Airframe) -> Rebuilt:
         """Rebuild what the motors did from commands and outputs."""
         from quadid_logs.actuation.motors import Rebuilt
 
         return Rebuilt()
 
-    def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:  # noqa: ARG002
+    def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
         """Return the rate of the rate controller's loop [Hz], 0 where the parameters do not say."""
         return 0.0
 
-    def angle_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:  # noqa: ARG002
+    def angle_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
         """Return the gains from angles of roll, pitch, yaw to rate set-points in a flight mode [1/s].
 
         Zeros where the sticks command rates. None where set-points answer position or speed, where the
@@ -134,7 +134,7 @@ class Autopilot:
         """
         return None
 
-    def stick_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float] | None:  # noqa: ARG002
+    def stick_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float] | None:
         """Return the rate set-points of roll and pitch that full sticks make of a level vehicle [rad/s].
 
         Of flight modes in which sticks are logged that ask for angles; None of others.
@@ -143,11 +143,11 @@ class Autopilot:
 
     def controllers(
         self,
-        log: FlightLog,  # noqa: ARG002
-        parameters: Mapping[str, float],  # noqa: ARG002
+        log: FlightLog,
+        parameters: Mapping[str, float],
         *,
-        period_s: float | None = None,  # noqa: ARG002
-        axes: Sequence[str] = AXES,  # noqa: ARG002
+        period_s: float | None = None,
+        axes: Sequence[str] = AXES,
     ) -> FlownControllers | None:
         """Return the rate and angle controllers that these parameters make; None where they are not known.
 
@@ -157,10 +157,7 @@ class Autopilot:
         return None
 
     def replay_inputs(
-        self,
-        log: FlightLog,  # noqa: ARG002
-        controllers: FlownControllers,  # noqa: ARG002
-        intervals: Sequence[tuple[float, float]],  # noqa: ARG002
+        self, log: FlightLog, controllers: FlownControllers, intervals: Sequence[tuple[float, float]]
     ) -> Mapping[str, ReplayInput]:
         """Return by axis the rows and the law to replay them with; nothing where too little was logged.
 
@@ -168,15 +165,12 @@ class Autopilot:
         """
         return {}
 
-    def outer_controllers(self, parameters: Mapping[str, float]) -> OuterControllers | None:  # noqa: ARG002
+    def outer_controllers(self, parameters: Mapping[str, float]) -> OuterControllers | None:
         """Return the controllers around the rate loop by these parameters; None where they are not known."""
         return None
 
     def attitude_rows(
-        self,
-        log: FlightLog,  # noqa: ARG002
-        parameters: Mapping[str, float],  # noqa: ARG002
-        intervals: Sequence[tuple[float, float]],  # noqa: ARG002
+        self, log: FlightLog, parameters: Mapping[str, float], intervals: Sequence[tuple[float, float]]
     ) -> AttitudeRows | None:
         """Return what the attitude controller's law makes, beside what was logged; None without either.
 
@@ -185,10 +179,7 @@ class Autopilot:
         return None
 
     def shaper_rows(
-        self,
-        log: FlightLog,  # noqa: ARG002
-        parameters: Mapping[str, float],  # noqa: ARG002
-        intervals: Sequence[tuple[float, float]],  # noqa: ARG002
+        self, log: FlightLog, parameters: Mapping[str, float], intervals: Sequence[tuple[float, float]]
     ) -> ShaperRows | None:
         """Return wanted angles, and what an input shaper makes of them; None where either is missing.
 
@@ -197,24 +188,19 @@ class Autopilot:
         return None
 
     def tunable(
-        self,
-        parameters: Mapping[str, float],  # noqa: ARG002
-        version: tuple[int, ...] | None = None,  # noqa: ARG002
+        self, parameters: Mapping[str, float], version: tuple[int, ...] | None = None
     ) -> Tunable | None:
         """Return the gains that may be changed, in the ranges of a version; None where none are known."""
         return None
 
-    def thrust_law(self, log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG002
+    def thrust_law(self, log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:
         """Return what the firmware makes of a command of thrust; the command itself where nothing says so."""
         from quadid_logs.data.off_nominal import AS_COMMANDED
 
         return AS_COMMANDED
 
     def filter_choices(
-        self,
-        log: FlightLog,  # noqa: ARG002
-        parameters: Mapping[str, float],  # noqa: ARG002
-        lines: Sequence[Line],  # noqa: ARG002
+        self, log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]
     ) -> FilterChoices:
         """Return what of the filters may be set.
 

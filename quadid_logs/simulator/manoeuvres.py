@@ -54,7 +54,7 @@ def _reference(
     )
 
 
-def hover(time_s: FloatArray, rng: np.random.Generator) -> Reference:  # noqa: ARG001
+def hover(time_s: FloatArray, rng: np.random.Generator) -> Reference:
     """Hold the attitude: only disturbances excite the vehicle."""
     return _reference(time_s)
 
@@ -86,11 +86,7 @@ def sticks(
 
 
 def sinusoid(
-    time_s: FloatArray,
-    rng: np.random.Generator,  # noqa: ARG001
-    *,
-    axis: int = 0,
-    amplitude: float = 0.01,
+    time_s: FloatArray, rng: np.random.Generator, *, axis: int = 0, amplitude: float = 0.01
 ) -> Reference:
     """Put the paper's input, 1 rad/s, on one axis as torque command."""
     torque = np.zeros((time_s.shape[0], 3))
@@ -99,22 +95,14 @@ def sinusoid(
 
 
 def doublets(
-    time_s: FloatArray,
-    rng: np.random.Generator,  # noqa: ARG001
-    *,
-    amplitude_rad_s: float = 1.2,
-    pulse_s: float = 0.25,
+    time_s: FloatArray, rng: np.random.Generator, *, amplitude_rad_s: float = 1.2, pulse_s: float = 0.25
 ) -> Reference:
     """Doublets on roll, pitch and yaw in turn, a rest of three pulses between them."""
     return _in_turn(time_s, ((1.0, 1), (-1.0, 1), (0.0, 3)), amplitude_rad_s, pulse_s)
 
 
 def steps_3211(
-    time_s: FloatArray,
-    rng: np.random.Generator,  # noqa: ARG001
-    *,
-    amplitude_rad_s: float = 0.8,
-    pulse_s: float = 0.15,
+    time_s: FloatArray, rng: np.random.Generator, *, amplitude_rad_s: float = 0.8, pulse_s: float = 0.15
 ) -> Reference:
     """3-2-1-1 steps on roll, pitch and yaw in turn: a broader band than a doublet."""
     return _in_turn(time_s, ((1.0, 3), (-1.0, 2), (1.0, 1), (-1.0, 1), (0.0, 6)), amplitude_rad_s, pulse_s)
@@ -137,7 +125,7 @@ def _in_turn(
 
 def chirp(
     time_s: FloatArray,
-    rng: np.random.Generator,  # noqa: ARG001
+    rng: np.random.Generator,
     *,
     axis: int = 0,
     amplitude: float = 0.06,

@@ -96,12 +96,7 @@ class ArduPilotAdvice(Advice):
     hover_mode = "Stabilize"
     parameter_suffix = ".param"
 
-    def _logging(
-        self,
-        log_format: str,  # noqa: ARG002
-        parameters: Mapping[str, float],
-        version: Version | None,
-    ) -> str:
+    def _logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to do about LOG_BITMASK; a mask of 16 or 32 bits may be negative."""
         mask = whole_number(parameters.get("LOG_BITMASK"), _DEFAULT_LOG_BITMASK)
         is_set = bool(mask & _ATTITUDE_FAST)
@@ -165,7 +160,7 @@ class ArduPilotAdvice(Advice):
         self,
         excitations: Mapping[str, Mapping[str, float]],
         multisine: Mapping[str, Any],
-        parameters: Mapping[str, float],  # noqa: ARG002
+        parameters: Mapping[str, float],
     ) -> dict[str, str]:
         """Return the script that flies all sweeps in one flight."""
         if not excitations:
@@ -209,7 +204,7 @@ class ArduPilotAdvice(Advice):
         missing = "" if self.sweep_magnitudes(version) else _no_system_id(version)
         return tuple(note for note in (_logging_limit(version), missing) if note)
 
-    def parameter_line(self, name: str, value: str, parameters: Mapping[str, float]) -> str:  # noqa: ARG002
+    def parameter_line(self, name: str, value: str, parameters: Mapping[str, float]) -> str:
         """Return NAME,VALUE."""
         return f"{name},{value}"
 

@@ -76,7 +76,7 @@ def controllers(
     log: FlightLog,
     parameters: Mapping[str, float],
     *,
-    period_s: float | None = None,  # noqa: ARG001
+    period_s: float | None = None,
     axes: Sequence[str] = AXES,
 ) -> FlownControllers:
     """Return the controllers that the parameters make; see `Autopilot.controllers`.

@@ -49,7 +49,7 @@ _MEDIUM_ATTITUDE: Final = 2
 _MEDIUM_HZ: Final = 10.0
 
 
-def read_binary(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (one vehicle per file)
+def read_binary(path: str | Path, *, system: int = 0) -> FlightLog:  # one vehicle per file
     """Read a DataFlash binary log.
 
     Raises
@@ -62,7 +62,7 @@ def read_binary(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG
         return flight_log(file, log_format="dataflash")
 
 
-def read_text(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (one vehicle per file)
+def read_text(path: str | Path, *, system: int = 0) -> FlightLog:  # one vehicle per file
     """Read a DataFlash text log.
 
     Raises

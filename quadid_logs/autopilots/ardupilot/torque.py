@@ -338,7 +338,7 @@ def _misfit(check: MixerCheck | None) -> float:
     return check.typical_us + (_HANDICAP_US if check.law is DensityLaw.FITTED else 0.0)
 
 
-def thrust_law(log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG001
+def thrust_law(log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:
     """Return what ArduPilot makes of a command of thrust; see `Autopilot.thrust_law`.
 
     MOT_THST_EXPO undoes the curve. Between MOT_BAT_VOLT_MIN and MOT_BAT_VOLT_MAX outputs are divided by the
@@ -352,7 +352,7 @@ def thrust_law(log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  #
     def output(command: FloatArray) -> FloatArray:
         return command if settings is None else throttle_of_thrust(command, settings)
 
-    def behind(voltage_v: float, n_cells: int) -> float:  # noqa: ARG001
+    def behind(voltage_v: float, n_cells: int) -> float:
         if not (highest_v > 0.0 and lowest_v < highest_v and voltage_v >= 0.25 * lowest_v):
             return 1.0
         least = max(lowest_v / highest_v, _LEAST_RATIO)

@@ -13,7 +13,7 @@ class BlackboxFamily(Autopilot):
     find_airframe = entry(f"{__name__}.airframe:find_airframe")
     rebuild = entry(f"{__name__}.torque:rebuild")
 
-    def angle_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:  # noqa: ARG002
+    def angle_gains(self, mode: str, parameters: Mapping[str, float]) -> tuple[float, float, float] | None:
         """None in modes that level the copter: their gains are scaled in ways that differ by version."""
         from quadid_logs.autopilots.betaflight.flight_modes import SELF_LEVELLING
 

@@ -140,12 +140,7 @@ class BetaflightAdvice(Advice):
         told = f"Computed for sticks at rest, without {listed(named)}"
         return f"{told}: the response to a stick in flight differs."
 
-    def _logging(
-        self,
-        log_format: str,  # noqa: ARG002
-        parameters: Mapping[str, float],
-        version: Version | None,
-    ) -> str:
+    def _logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say how to log fast, with the speed of the rotors where the firmware logs it."""
         if version is not None and version < _RATIO_SINCE:
             loops = max(round(_WANTED_US / _period_us(parameters)), 1)
@@ -208,7 +203,7 @@ class BetaflightAdvice(Advice):
     def excitation_files(
         self,
         excitations: Mapping[str, Mapping[str, float]],
-        multisine: Mapping[str, Any],  # noqa: ARG002
+        multisine: Mapping[str, Any],
         parameters: Mapping[str, float],
     ) -> dict[str, str]:
         """Return lines that set the chirp up, and lines that set it back."""
@@ -242,7 +237,7 @@ class BetaflightAdvice(Advice):
         named = [(comment, _RANGES.get(name, name), value) for comment, name, value in gains]
         return super().gain_text((*heading, *_PROFILE), named, parameters)
 
-    def parameter_line(self, name: str, value: str, parameters: Mapping[str, float]) -> str:  # noqa: ARG002
+    def parameter_line(self, name: str, value: str, parameters: Mapping[str, float]) -> str:
         """Return a line for the command line."""
         return f"set {name} = {value}"
 

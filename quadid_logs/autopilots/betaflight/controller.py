@@ -77,7 +77,7 @@ def controllers(
     log: FlightLog,
     parameters: Mapping[str, float],
     *,
-    period_s: float | None = None,  # noqa: ARG001
+    period_s: float | None = None,
     axes: Sequence[str] = AXES,
 ) -> FlownControllers | None:
     """Return the controllers that the settings make; None for a version whose law is another.

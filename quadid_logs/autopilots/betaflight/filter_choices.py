@@ -23,7 +23,7 @@ _CUTOFF: Final = (30.0, 1000.0)
 _HARMONICS: Final = 3
 
 
-def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]) -> FilterChoices:  # noqa: ARG001
+def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Sequence[Line]) -> FilterChoices:
     """Return what may be set, see `Autopilot.filter_choices`; all axes share these filters.
 
     The low-passes of the gyro go together, and those of D.

@@ -13,10 +13,7 @@ from quadid_logs.vocabulary import AXES
 _HIGHEST, _HIGHEST_BEFORE = 250.0, 200.0
 
 
-def tunable(
-    parameters: Mapping[str, float],
-    version: tuple[int, ...] | None = None,  # noqa: ARG001
-) -> Tunable:
+def tunable(parameters: Mapping[str, float], version: tuple[int, ...] | None = None) -> Tunable:
     """Return the gains that may be changed.
 
     P, I and D are scaled together, and with D the other end of its range. Feed-forward is no part of the

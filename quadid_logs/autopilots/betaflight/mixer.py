@@ -166,7 +166,7 @@ def thrust_law(log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:
     def output(command: FloatArray) -> FloatArray:
         return linearised(command, amount, log.version)
 
-    def behind(voltage_v: float, n_cells: int) -> float:  # noqa: ARG001
+    def behind(voltage_v: float, n_cells: int) -> float:
         if not math.isfinite(voltage_v):
             return 1.0
         return float(highest_output(np.array([voltage_v]), parameters)[0])

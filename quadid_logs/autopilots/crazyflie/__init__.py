@@ -29,7 +29,7 @@ class Crazyflie(Autopilot):
 
         return (LogFormat("usd", "Crazyflie micro-SD log", is_mine, read, (".usd",)),)
 
-    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:  # noqa: ARG002
+    def find_airframe(self, log: FlightLog) -> Airframe | Unknown:
         """Say that neither the frame nor its motors are in the log."""
         from quadid_logs.actuation.airframe import Unknown
 
@@ -37,7 +37,7 @@ class Crazyflie(Autopilot):
             remark="The log does not say which motors and propellers flew, so its torque is a command."
         )
 
-    def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:  # noqa: ARG002
+    def loop_rate_hz(self, parameters: Mapping[str, float]) -> float:
         """Return the rate at which every controller of the firmware makes torque."""
         return _ATTITUDE_RATE_HZ
 

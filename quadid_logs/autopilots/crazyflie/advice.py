@@ -114,12 +114,7 @@ class CrazyflieAdvice(Advice):
         "on all sides. Use a full battery."
     )
 
-    def _logging(
-        self,
-        log_format: str,  # noqa: ARG002
-        parameters: Mapping[str, float],  # noqa: ARG002
-        version: Version | None,  # noqa: ARG002
-    ) -> str:
+    def _logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to put on the card."""
         return (
             f"Put {CONFIG} of `quadid-log plan --autopilot crazyflie -o DIR` on the card of the deck. It "
@@ -127,7 +122,7 @@ class CrazyflieAdvice(Advice):
             "controller, log its own group instead (ctrlMel, ctrlINDI, ctrlLee)."
         )
 
-    def excitation(self, axes: Sequence[str], version: Version | None) -> str:  # noqa: ARG002
+    def excitation(self, axes: Sequence[str], version: Version | None) -> str:
         """Say which script flies it."""
         return (
             f"Fly {SCRIPT} of `quadid-log plan --autopilot crazyflie -o DIR`: it makes quick {listed(axes)} "

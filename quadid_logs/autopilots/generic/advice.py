@@ -134,7 +134,7 @@ class Advice:
         found = self.remedies.get(code, "")
         return found if found or self.excites(version) else _BY_HAND.get(code, "")
 
-    def step_note(self, parameters: Mapping[str, float]) -> str:  # noqa: ARG002
+    def step_note(self, parameters: Mapping[str, float]) -> str:
         """Say what a computed step response leaves out of what the firmware does; "" for nothing.
 
         Parameters
@@ -161,16 +161,11 @@ class Advice:
         slow = "A telemetry log is too slow for this: use the log on the vehicle's card. "
         return (slow if log_format == "tlog" else "") + self._logging(log_format, parameters, version)
 
-    def _logging(
-        self,
-        log_format: str,  # noqa: ARG002
-        parameters: Mapping[str, float],  # noqa: ARG002
-        version: Version | None,  # noqa: ARG002
-    ) -> str:
+    def _logging(self, log_format: str, parameters: Mapping[str, float], version: Version | None) -> str:
         """Say what to set on this autopilot."""
         return "Log the body rates and the rate controller's outputs at 100 Hz or more."
 
-    def excitation(self, axes: Sequence[str], version: Version | None) -> str:  # noqa: ARG002
+    def excitation(self, axes: Sequence[str], version: Version | None) -> str:
         """Say what to fly so that axes are excited enough.
 
         Parameters
@@ -209,7 +204,7 @@ class Advice:
             if mask is not None and mask | self.logging_bits[name] != mask
         )
 
-    def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:  # noqa: ARG002
+    def sweep_magnitudes(self, version: Version | None) -> Mapping[str, float]:
         """Return the amplitude of the sweep that the autopilot can inject, by axis.
 
         Fraction of the mixer's range; empty where the autopilot injects none.
@@ -234,15 +229,15 @@ class Advice:
         """Return the parameters that take the sweep off the vehicle again."""
         return ()
 
-    def whole_files(self, axes: Sequence[str]) -> dict[str, str]:  # noqa: ARG002
+    def whole_files(self, axes: Sequence[str]) -> dict[str, str]:
         """Return files of a plan that are no parameters, by name: what is logged, a script that flies."""
         return {}
 
     def excitation_files(
         self,
-        excitations: Mapping[str, Mapping[str, float]],  # noqa: ARG002
-        multisine: Mapping[str, Any],  # noqa: ARG002
-        parameters: Mapping[str, float],  # noqa: ARG002
+        excitations: Mapping[str, Mapping[str, float]],
+        multisine: Mapping[str, Any],
+        parameters: Mapping[str, float],
     ) -> dict[str, str]:
         """Return files by name that fly the excitation of a plan, or set it up and take it off again.
 
@@ -258,7 +253,7 @@ class Advice:
         """
         return {}
 
-    def live_files(self, parameters: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG002
+    def live_files(self, parameters: Mapping[str, float]) -> dict[str, str]:
         """Return files by name that make the vehicle stream its log, and the way back.
 
         Parameters
@@ -268,15 +263,15 @@ class Advice:
         """
         return {}
 
-    def logging_needs_update(self, version: Version | None) -> bool:  # noqa: ARG002
+    def logging_needs_update(self, version: Version | None) -> bool:
         """Return whether `logging` says to update the firmware."""
         return False
 
-    def controller_note(self, version: Version | None) -> str:  # noqa: ARG002
+    def controller_note(self, version: Version | None) -> str:
         """Say which firmware has a controller that is modelled, where this version is too old; else ""."""
         return ""
 
-    def version_notes(self, version: Version | None) -> tuple[str, ...]:  # noqa: ARG002
+    def version_notes(self, version: Version | None) -> tuple[str, ...]:
         """Return what a firmware of this version cannot do of what a plan asks for."""
         return ()
 
@@ -317,16 +312,12 @@ class Advice:
             written.append(self.parameter_line(name, value, parameters))
         return "\n".join(filter(None, (*written, self.last_line))) + "\n"
 
-    def parameter_line(self, name: str, value: str, parameters: Mapping[str, float]) -> str:  # noqa: ARG002
+    def parameter_line(self, name: str, value: str, parameters: Mapping[str, float]) -> str:
         """Return the line of a file that sets a parameter."""
         return f"{name} {value}"
 
     def beside_gains(
-        self,
-        parameters: Mapping[str, float],  # noqa: ARG002
-        changed: Collection[str] = (),  # noqa: ARG002
-        *,
-        back: bool = False,  # noqa: ARG002
+        self, parameters: Mapping[str, float], changed: Collection[str] = (), *, back: bool = False
     ) -> tuple[GainLine, ...]:
         """Return what has to be set beside gains so that they hold.
 
@@ -338,9 +329,7 @@ class Advice:
         return ()
 
     def steps_by_hand(
-        self,
-        axes: Sequence[str],  # noqa: ARG002
-        sweeps: Mapping[str, Mapping[str, float]],  # noqa: ARG002
+        self, axes: Sequence[str], sweeps: Mapping[str, Mapping[str, float]]
     ) -> tuple[str, ...]:
         """Return how to fly sweeps without the script that `steps` flies; empty where that flies none.
 

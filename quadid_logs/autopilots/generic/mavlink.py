@@ -78,12 +78,12 @@ def _outputs(part: MessagePart, source: _Row) -> FloatArray | None:
     return used_columns(output, output > 0.0)
 
 
-def _armed(part: MessagePart, source: _Row) -> FloatArray:  # noqa: ARG001
+def _armed(part: MessagePart, source: _Row) -> FloatArray:
     """MAV_MODE_FLAG_SAFETY_ARMED of base_mode."""
     return (part.table.rows["base_mode"] & _ARMED > 0).astype(np.float64)[:, np.newaxis]
 
 
-def _landed(part: MessagePart, source: _Row) -> FloatArray:  # noqa: ARG001
+def _landed(part: MessagePart, source: _Row) -> FloatArray:
     """MAV_LANDED_STATE: 0 undefined, 1 on ground, 2 in air, 3 taking off, 4 landing."""
     state = part.table.rows["landed_state"]
     return np.where(state > 0, (state == _ON_GROUND).astype(np.float64), np.nan)[:, np.newaxis]
@@ -96,7 +96,7 @@ def _battery(part: MessagePart, source: _Row) -> FloatArray | None:
     return np.where(measured, millivolt * source.scale, np.nan)[:, np.newaxis] if measured.any() else None
 
 
-def _controls(part: MessagePart, source: _Row) -> FloatArray | None:  # noqa: ARG001
+def _controls(part: MessagePart, source: _Row) -> FloatArray | None:
     """Roll, pitch, yaw of the flight controls, group 0."""
     rows = part.table.rows
     own = rows["group_mlx"] == 0

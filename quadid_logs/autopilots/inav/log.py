@@ -48,7 +48,7 @@ def read(path: str | Path, *, system: int = 0, number: int = 0) -> FlightLog:
     return read_dialect(DIALECT, path, system=system, number=number)
 
 
-def _settings(settings: Mapping[str, float], version: Version | None) -> dict[str, float]:  # noqa: ARG001
+def _settings(settings: Mapping[str, float], version: Version | None) -> dict[str, float]:
     """Return settings without gains: their numbers mean other ones in Betaflight."""
     found = common_settings(settings, None)
     gains = {f"{short}_{axis}" for short in "pidf" for axis in ("roll", "pitch", "yaw")}
@@ -58,7 +58,7 @@ def _settings(settings: Mapping[str, float], version: Version | None) -> dict[st
 def _facts(
     header: Header,
     settings: Mapping[str, float],
-    version: Version | None,  # noqa: ARG001
+    version: Version | None,
     main: FrameTable,
     levels: BoolArray,
 ) -> Facts:

@@ -74,7 +74,7 @@ class Px4Advice(Advice):
     parameter_suffix = ".params"
     columns = ("", "Vehicle-Id Component-Id Name Value Type")
 
-    def live_files(self, parameters: Mapping[str, float]) -> dict[str, str]:  # noqa: ARG002
+    def live_files(self, parameters: Mapping[str, float]) -> dict[str, str]:
         """Return the topics that an estimate needs; see `Advice.live_files`."""
         return {"logger_topics.txt": "".join(f"{topic}\n" for topic in _LIVE_TOPICS)}
 

@@ -66,7 +66,7 @@ _LABELS: Final = frozenset({"StartTime", "Name", "Value", "FwGit", "Arch", "Main
 
 
 @damaged_numbers_pass()
-def read(path: str | Path, *, system: int = 0) -> FlightLog:  # noqa: ARG001 (one vehicle per file)
+def read(path: str | Path, *, system: int = 0) -> FlightLog:  # one vehicle per file
     """Read a legacy PX4 log.
 
     Raises

@@ -211,7 +211,7 @@ def _limits(parameters: Mapping[str, float], prefix: str, channel: int) -> Itera
         yield next((value for value in values if value > 0.0), math.nan)
 
 
-def thrust_law(log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:  # noqa: ARG001
+def thrust_law(log: FlightLog, parameters: Mapping[str, float]) -> ThrustLaw:
     """Return what PX4 makes of a command of thrust; see `Autopilot.thrust_law`.
 
     THR_MDL_FAC undoes the curve. With MC_BAT_SCALE_EN the set-points of torque and thrust are multiplied by
