@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.longest import analyze_longest
+from quadid_logs.cli.longest import analyze_each
 from quadid_logs.cli.options import (
     AsJson,
     Band,
@@ -19,11 +18,11 @@ from quadid_logs.cli.options import (
     Quiet,
     StartS,
     System,
+    VehicleFile,
     settings_of,
     vehicle_of,
 )
 from quadid_logs.cli.outcome import open_page, say_outcome, write_outcome
-from quadid_logs.cli.progress import Progress
 from quadid_logs.output import check_folder_free
 
 _JSON, _PAGE = "compare.json", "compare.html"
@@ -38,12 +37,7 @@ def compare(
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_PAGE}, {_JSON} and PNG files."),
     ] = None,
-    vehicle: Annotated[
-        Path | None,
-        typer.Option(
-            "--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle of both flights."
-        ),
-    ] = None,
+    vehicle: VehicleFile = None,
     start_s: StartS = None,
     end_s: EndS = None,
     band: Band = None,
@@ -76,13 +70,10 @@ def compare(
         check_folder_free(output, _FILES, force=force)
     described = vehicle_of(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system)
-    results = []
-    for log in (before, after):
-        check_log(log)
-    for log, number in zip((before, after), log_numbers, strict=True):
-        with Progress(log.name, quiet=quiet) as progress:
-            results.append(analyze_longest(log, replace(settings, log=number), described, progress=progress))
-    first, second = results
+    logs = [
+        (log, replace(settings, log=number)) for log, number in zip((before, after), log_numbers, strict=True)
+    ]
+    first, second = analyze_each(logs, described, quiet=quiet)
     comparison = compare_results(first, second)
     text = comparison_text(first, second, comparison)
     written = ""

@@ -6,16 +6,18 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from quadid_logs.cli.failure import report_problem
+from quadid_logs.cli.logs import check_log
+from quadid_logs.cli.progress import Progress, parts
 from quadid_logs.errors import SeveralLogsError
 from quadid_logs.untrusted import printable
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from quadid_logs.data.result import Result
     from quadid_logs.data.settings import Settings
     from quadid_logs.data.vehicle import Vehicle
-    from quadid_logs.pipeline import Progress
 
 
 def analyze_longest(
@@ -24,7 +26,7 @@ def analyze_longest(
     vehicle: Vehicle | None = None,
     *,
     published: bool = True,
-    progress: Progress | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Result:
     """Analyze a log as `pipeline.analyze`; of a file that holds several the longest, and say so.
 
@@ -45,3 +47,20 @@ def analyze_longest(
         )
         settings = replace(settings, log=several.longest)
     return analyze(log, settings, vehicle=vehicle, published=published, progress=progress)
+
+
+def analyze_each(
+    logs: Sequence[tuple[Path, Settings]],
+    vehicle: Vehicle | None,
+    *,
+    published: bool = True,
+    quiet: bool = False,
+) -> list[Result]:
+    """Analyze several logs as `analyze_longest` one, and show how far all of them are."""
+    for log, _ in logs:
+        check_log(log)
+    found = []
+    for (log, settings), part in zip(logs, parts([log for log, _ in logs]), strict=True):
+        with Progress(log.name, quiet=quiet, part=part) as progress:
+            found.append(analyze_longest(log, settings, vehicle, published=published, progress=progress))
+    return found

@@ -8,7 +8,16 @@ from typing import Annotated
 import typer
 
 from quadid_logs.cli.logs import check_log, expanded
-from quadid_logs.cli.options import AsJson, EndS, Quiet, StartS, System, settings_of, vehicle_of
+from quadid_logs.cli.options import (
+    AsJson,
+    EndS,
+    Quiet,
+    StartS,
+    System,
+    VehicleFile,
+    settings_of,
+    vehicle_of,
+)
 from quadid_logs.cli.outcome import say_outcome
 from quadid_logs.cli.progress import Progress, parts
 from quadid_logs.errors import SettingsError
@@ -36,12 +45,7 @@ def predict(
             help="Set of each LOG, in order. Put flights of one trajectory into one set.",
         ),
     ] = "",
-    vehicle: Annotated[
-        Path | None,
-        typer.Option(
-            "--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle of all flights."
-        ),
-    ] = None,
+    vehicle: VehicleFile = None,
     start_s: StartS = None,
     end_s: EndS = None,
     sample_rate_hz: Annotated[

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from quadid_logs.cli.logs import check_log, expanded
-from quadid_logs.cli.longest import analyze_longest
+from quadid_logs.cli.logs import expanded
+from quadid_logs.cli.longest import analyze_each
 from quadid_logs.cli.options import (
     AsJson,
     Band,
@@ -18,11 +18,11 @@ from quadid_logs.cli.options import (
     Quiet,
     StartS,
     System,
+    VehicleFile,
     settings_of,
     vehicle_of,
 )
 from quadid_logs.cli.outcome import open_page, say_outcome, write_outcome
-from quadid_logs.cli.progress import Progress, parts
 from quadid_logs.errors import SettingsError
 from quadid_logs.output import check_folder_free
 
@@ -41,12 +41,7 @@ def repeat(
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help=f"Folder for {_PAGE}, {_JSON} and PNG files."),
     ] = None,
-    vehicle: Annotated[
-        Path | None,
-        typer.Option(
-            "--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle of all flights."
-        ),
-    ] = None,
+    vehicle: VehicleFile = None,
     start_s: StartS = None,
     end_s: EndS = None,
     band: Band = None,
@@ -76,13 +71,7 @@ def repeat(
         check_folder_free(output, _FILES, force=force)
     described = vehicle_of(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system)
-    for log in logs:
-        check_log(log)
-    results = []
-    for log, part in zip(logs, parts(logs), strict=True):
-        with Progress(log.name, quiet=quiet, part=part) as progress:
-            results.append(analyze_longest(log, settings, described, progress=progress))
-    found = repeat_results(results)
+    found = repeat_results(analyze_each([(log, settings) for log in logs], described, quiet=quiet))
     text = repetition_text(found)
     written = ""
     if output is not None:

@@ -10,7 +10,7 @@ import typer
 
 from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log
-from quadid_logs.cli.longest import analyze_longest
+from quadid_logs.cli.longest import analyze_each, analyze_longest
 from quadid_logs.cli.options import (
     Band,
     EndS,
@@ -149,11 +149,8 @@ def tune(
     check_tune_folder(folder, force=force)
     described = vehicle_of(vehicle)
     settings = settings_of(start_s=start_s, end_s=end_s, band=band, system=system, log=log_number)
-    before = []
-    for one in earlier or ():
-        with Progress(one.name, quiet=quiet) as progress:
-            own = settings_of(band=band, system=system)
-            before.append(analyze_longest(one, own, described, published=False, progress=progress))
+    own = settings_of(band=band, system=system)
+    before = analyze_each([(one, own) for one in earlier or ()], described, published=False, quiet=quiet)
     with Progress(log.name, quiet=quiet) as progress:
         result = analyze_longest(log, settings, described, published=False, progress=progress)
         result = with_earlier(result, before)

@@ -132,7 +132,7 @@ def test_what_has_no_progress_to_show_is_quiet(tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr() == ("", "")
     assert main(["info", str(log), "-q"]) == 0
     out, err = capsys.readouterr()
-    assert "autopilot" in out
+    assert "Autopilot" in out
     assert err == ""
 
 

@@ -174,7 +174,7 @@ def test_the_page_of_the_server_comes_with_the_confirming_flight(
 ) -> None:
     """It says that plan.md stands beside it."""
     weak = changed(flown("ardupilot"))
-    monkeypatch.setattr("quadid_logs.serve.jobs._result_of", lambda *_a: (None, weak))
+    monkeypatch.setattr("quadid_logs.serve.jobs._result_of", lambda *_a: (weak, {}))
     job = Job(
         kind=Kind.TUNE,
         logs=("x",),
