@@ -26,6 +26,7 @@ from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.even_draws import Drawn, even_uniform
 from quadid_logs.maths.instrument_response import INDEPENDENT, tapered_spectra
 from quadid_logs.maths.median import median
+from quadid_logs.maths.nonnegative import nonnegative_least_squares
 from quadid_logs.maths.normal import ENDS_95
 from quadid_logs.maths.spectra import WINDOW_S
 
@@ -377,15 +378,13 @@ def _unexplained(
     e^2, a delay that is off by t (2 pi f t)^2: both are fitted, and hold where nothing is driven as much.
     Rotors are not linear, and leave more at some lines: as much more as at 97.5 % of those that are seen.
     """
-    from scipy.optimize import nnls
-
     _, line = np.nonzero(loud := driven > _LOUD * noise)
     if not line.size:
         return np.zeros(frequency_hz.size)
     share = (left - noise)[loud] / driven[loud]
     of_gain_and_delay = np.column_stack([np.ones(frequency_hz.size), frequency_hz**2])
     scale = of_gain_and_delay[-1]
-    fitted, _ = nnls(of_gain_and_delay[line] / scale, share)
+    fitted = nonnegative_least_squares(of_gain_and_delay[line] / scale, share)
     fraction = np.asarray(of_gain_and_delay @ (fitted / scale), dtype=np.float64)
     most = float(np.quantile(share - fraction[line], ENDS_95[1]))
     return fraction + max(most, 0.0)

@@ -10,13 +10,13 @@ from dataclasses import replace
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.health import AxisSteps, Level, Quantity, StepCurve, Steps
 from quadid_logs.health.records import records
 from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.maths.spline import finer
 from quadid_logs.sentences import listed
 from quadid_logs.vocabulary import AXES
 
@@ -348,12 +348,12 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
     # Above 1, not above a loop that follows at once: what that one overshoots lies at frequencies that are
     # not kept, where a real one responds with less.
     # Both lie between samples: those of 100 Hz are a quarter of a quick rise apart.
-    finer = np.linspace(times[0], times[-1], _FINER * (times.size - 1) + 1)
-    curve, *without = CubicSpline(times, np.vstack([shown, left_out]), axis=1)(finer)
+    between = np.linspace(times[0], times[-1], _FINER * (times.size - 1) + 1)
+    curve, *without = finer(np.vstack([shown, left_out]), _FINER)
     over = float(curve.max()) - 1.0, [float(one.max()) - 1.0 for one in without]
-    half_s = _half_time(finer, curve)
+    half_s = _half_time(between, curve)
     # How fast it rises there [1/s]; slower than over all that is shown it is no rise.
-    rise = max(float(np.interp(half_s, finer, np.gradient(curve, finer))), 1.0 / _SHOWN_S)
+    rise = max(float(np.interp(half_s, between, np.gradient(curve, between))), 1.0 / _SHOWN_S)
     return _Curve(
         shown,
         shown - half,
@@ -362,7 +362,7 @@ def _curve(windows: _Windows, chosen: BoolArray) -> _Curve | None:
         float(np.median(half)) <= _OFF,
         # An integrator ends at 1: by how much the response does not, its slow part may be wrong.
         _wider(_with_interval(*over, "1", unseen), abs(end - 1.0)),
-        _with_interval(half_s, [_half_time(finer, one) for one in without], "s", unseen / rise),
+        _with_interval(half_s, [_half_time(between, one) for one in without], "s", unseen / rise),
     )
 
 

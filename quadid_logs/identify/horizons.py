@@ -22,7 +22,6 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.optimize import nnls
 
 from quadid_logs.arrays import FloatArray, IntArray
 from quadid_logs.data.flight import FlightData, Segment
@@ -37,6 +36,7 @@ from quadid_logs.identify.terms import (
     Term,
     column_of,
 )
+from quadid_logs.maths.nonnegative import nonnegative_least_squares
 
 #: Horizons in samples: those that the nano-drone benchmark scores.
 STEPS: Final = (1, 10, 50)
@@ -451,7 +451,7 @@ def _fit_horizon(flights: Sequence[_Rows], sets: Sequence[str], n_steps: int) ->
             weight = np.sqrt(counts) / size
             # The triangle holds all that many rows tell of few columns, and takes a hundredth of the time.
             orthogonal, triangle = np.linalg.qr(active / unit * weight[:, np.newaxis])
-            share = np.asarray(nnls(triangle, orthogonal.T @ (amount * weight))[0]) / unit
+            share = nonnegative_least_squares(triangle, orthogonal.T @ (amount * weight)) / unit
             size = np.maximum(active @ share, _LEAST_SIZE * mean)
         ratio = amount / size
         order = np.argsort(ratio)
