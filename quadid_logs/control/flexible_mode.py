@@ -248,6 +248,8 @@ def _weighed(
     bands = [np.flatnonzero(number == one) for one in np.unique(number)]
     present = np.array([_present(gained[band], wanted.natural_hz.size) for band in bands])
     absent = float(np.prod(1.0 - present))
+    every_hz = fine_grid_hz(loop[0].period_s)
+    without = rate_loop(*loop, every_hz)[0]
     random = np.random.default_rng(_SEED)
     # Of each band, several modes for each that is wanted, with which the vehicle could have flown.
     drawn = []
@@ -259,7 +261,7 @@ def _weighed(
         # Somewhere between their neighbours in frequency.
         natural_hz = wanted.natural_hz[band[place]] * np.exp(_STEP * random.uniform(-0.5, 0.5, picked.size))
         modes = Modes(natural_hz, wanted.damping_ratio[kind], wanted.gain[kind])
-        used = _gain_used(modes, *loop)
+        used = _gain_used(modes, every_hz, without)
         flies = np.flatnonzero(used < 1.0)
         if not flies.size:
             none = np.zeros(1 + picked.size, dtype=np.int64)
@@ -614,15 +616,16 @@ def _most_of(
     return modes.at(np.append(0, numbers))
 
 
-def _gain_used(modes: Modes, controller: AxisController, estimate: Plant) -> FloatArray:
-    """Return how far the circles of modes go towards -1, (n_modes,): with 1 and more no vehicle flies."""
+def _gain_used(modes: Modes, every_hz: FloatArray, without: ComplexArray) -> FloatArray:
+    """Return how far the circles of modes go towards -1, (n_modes,): with 1 and more no vehicle flies.
+
+    ``without`` is the open loop at those frequencies, as if there were no mode.
+    """
     away = np.tan(np.linspace(-1.5, 1.5, _CIRCLE))
     # Over the natural frequency, all modes of one damping go through the same circle.
     damping_ratio, kind = np.unique(modes.damping_ratio, return_inverse=True)
     x = 1.0 + damping_ratio[:, np.newaxis] * away
     circle = x**2 / (1.0 - x**2 + 2j * damping_ratio[:, np.newaxis] * x)
-    every_hz = fine_grid_hz(controller.period_s)
-    without = rate_loop(controller, estimate, every_hz)[0]
     loop = np.interp(modes.natural_hz[:, np.newaxis] * x[kind], every_hz, without)
     loop *= 1.0 + modes.gain[:, np.newaxis] * circle[kind]
     imag = np.ascontiguousarray(loop.imag)

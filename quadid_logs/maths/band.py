@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from quadid_logs.arrays import FloatArray
 
 ComplexArray = NDArray[np.complex128]
-#: So many cosines are taken out of a short record one by one: two transforms would take longer to begin.
-_FEW_COSINES: Final = 8
+#: So many cosines are taken out one by one, which takes a third to a whole of the time of two transforms.
+_FEW_COSINES: Final = 100
+#: The largest table of cosines that is kept, 5 MB: with more rows a record is transformed.
+_MOST_KEPT: Final = 600_000
 
 
 def angular_frequency(n_samples: int, period_s: float) -> ComplexArray:
@@ -261,7 +263,7 @@ def high_pass(columns: FloatArray, period_s: float, cutoff_hz: float) -> FloatAr
     0.0
     """
     n_removed = min(int(2.0 * len(columns) * period_s * cutoff_hz) + 1, len(columns))
-    if n_removed <= _FEW_COSINES:
+    if n_removed <= _FEW_COSINES and n_removed * len(columns) <= _MOST_KEPT:
         low = _lowest_cosines(len(columns), n_removed)
         return np.asarray(columns - low @ (low.T @ columns))
     from scipy.fft import dct, idct
