@@ -87,12 +87,10 @@ def console_pages() -> list[tuple[str, str]]:
 @pytest.mark.parametrize(("page", "command"), console_pages())
 def test_the_commands_of_a_tutorial_are_those_of_the_program(page: str, command: str) -> None:
     """A renamed option would leave a reader alone; `make docs` runs them."""
-    import typer.main
-
-    from quadid_logs.cli.app import make_app
+    from quadid_logs.cli.app import command_of
 
     words = shlex.split(command.split(" | ")[0])[1:]
-    verb = typer.main.get_command(make_app()).commands[words[0]]  # type: ignore[attr-defined]
+    verb = command_of().commands[words[0]]  # type: ignore[attr-defined]
     verb.make_context(words[0], words[1:])
 
 

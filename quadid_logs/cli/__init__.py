@@ -84,10 +84,10 @@ def _flushed() -> int:
 
 def _dispatch(arguments: list[str]) -> int:
     """Parse the arguments and run their verb."""
-    from quadid_logs.cli.app import make_app
+    from quadid_logs.cli.app import command_of
 
     given = " ".join((PROGRAM, *map(quoted, arguments)))
-    code = make_app(*arguments[:1])(args=arguments, prog_name=PROGRAM, standalone_mode=False, obj=given)
+    code = command_of(*arguments[:1])(args=arguments, prog_name=PROGRAM, standalone_mode=False, obj=given)
     if code == _INTERRUPTED:
         # Typer turns Ctrl-C into this code without a word.
         raise KeyboardInterrupt

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Annotated, Any
 
 import typer
 
@@ -28,6 +30,12 @@ from quadid_logs.cli.simulate import simulate
 from quadid_logs.cli.swing import swing
 from quadid_logs.cli.tune import tune
 from quadid_logs.version import __version__
+
+
+@lru_cache(maxsize=32)
+def command_of(first: str = "") -> Callable[..., Any]:
+    """Return the parser of `make_app`: whoever runs many commands has each built once."""
+    return typer.main.get_command(make_app(first))
 
 
 def make_app(first: str = "") -> typer.Typer:

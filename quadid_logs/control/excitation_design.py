@@ -101,10 +101,14 @@ class Chirp(NamedTuple):
 
     def energy(self, frequency_hz: FloatArray) -> FloatArray:
         """Return the one-sided energy density [1 s / Hz]: time in a band times half the squared amplitude."""
-        rising_s = self.record_s - 2.0 / self.start_hz
         inside = (frequency_hz >= self.start_hz) & (frequency_hz <= self.stop_hz)
-        octave_s = rising_s / math.log(self.stop_hz / self.start_hz)
-        return np.where(inside, 0.5 * self.magnitude**2 * octave_s / frequency_hz, 0.0)
+        octave = self.strength / math.log(self.stop_hz / self.start_hz)
+        return np.where(inside, 0.5 * octave / frequency_hz, 0.0)
+
+    @property
+    def strength(self) -> float:
+        """What its energy is in proportion to: the squared amplitude times how long it rises [s]."""
+        return self.magnitude**2 * (self.record_s - 2.0 / self.start_hz)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,8 +216,10 @@ def design(
         peaks[0] = max(peaks[0], 1.0)
     most = min(limit / peak for limit, peak in zip(LIMITS[number], peaks, strict=True))
 
+    promise = _Promise(plant, answers, air, Chirp(start_hz, stop_hz, 1.0, LONGEST_S))
+
     def promised(magnitude: float, record_s: float) -> float:
-        return half_width(plant, answers, air, Chirp(start_hz, stop_hz, magnitude, record_s))
+        return promise.half_width(Chirp(start_hz, stop_hz, magnitude, record_s))
 
     magnitude, record_s = _least(promised, _rounded_down(most), wanted)
     # The rate during a sweep of one unit, as far as it is fitted.
@@ -283,13 +289,8 @@ def crossovers(frequency_hz: FloatArray, loop: ComplexArray) -> tuple[float, flo
     return float(frequency_hz[last]), float(frequency_hz[later[0]]) if later.size else math.nan
 
 
-def half_width(plant: Plant, answers: _Answers, air: Air, chirp: Chirp) -> float:
-    """Return half the 95 % interval of the effectiveness that a sweep promises, over the effectiveness.
-
-    Returns
-    -------
-    float
-        The gyro's scale included, and the smooth departure that no lag and delay describe.
+class _Promise:
+    """What sweeps of one band promise: all integrals over the band are in proportion to a sweep's energy.
 
     Notes
     -----
@@ -298,27 +299,43 @@ def half_width(plant: Plant, answers: _Answers, air: Air, chirp: Chirp) -> float
     g* E P W^2 df, with the slopes g, the sweep's energy E and the noise's density P, one-sided (L. Ljung,
     System Identification, 1999, sec. 7.4, 9.4 and 13.3). The departure is that of `identify.spectral`.
     """
-    f, s = answers.frequency_hz, np.asarray(2j * np.pi * answers.frequency_hz, dtype=np.complex128)
-    noise, energy = air.at(f), 2.0 * TRAINED * chirp.energy(f)
-    driven = answers.rate * (s - plant.damping[0])
-    # By relative changes of effectiveness, and by changes of damping, lag and delay.
-    slopes = np.stack([driven, answers.rate, -s / (1.0 + s * plant.lag_s[0]) * driven, -s * driven])
-    fitted = gaussian_response(s, air.fitted_hz) ** 2
-    information, scatter = (
-        np.real((slopes * weight) @ _to_integrate(slopes.conj().T, f))
-        for weight in (energy * fitted, energy * fitted**2 * noise)
-    )
-    typical = np.trapezoid(noise * fitted, f) / np.trapezoid(fitted, f)
-    # How well damping, lag and delay are known before a flight, in standard deviations.
-    before = (max(2.0, abs(float(plant.damping[0]))), 0.7 * max(float(plant.lag_s[0]), 0.01), 0.01)
-    known_before = np.diag([0.0, *(typical / spread**2 for spread in before)])
-    inverse = np.linalg.pinv(information + known_before, hermitian=True)
-    # What is known before has its own part in the variance, as a measurement would.
-    variance = (inverse @ (scatter + typical * known_before) @ inverse)[0, 0]
-    moved = _to_integrate((slopes * energy * fitted * driven.conj()).T, f) @ inverse[0]
-    alike = np.exp(-np.abs(np.subtract.outer(np.log(f), np.log(f))) / OCTAVE)
-    variance += LEAST_DEPARTURE**2 * sum(each @ alike @ each for each in (moved.real, moved.imag))
-    return float(np.hypot(NORMAL_95 * math.sqrt(max(variance, 0.0)), GYRO_SYSTEMATIC))
+
+    def __init__(self, plant: Plant, answers: _Answers, air: Air, chirp: Chirp) -> None:
+        f, s = answers.frequency_hz, np.asarray(2j * np.pi * answers.frequency_hz, dtype=np.complex128)
+        self._strength = chirp.strength
+        noise, energy = air.at(f), 2.0 * TRAINED * chirp.energy(f)
+        driven = answers.rate * (s - plant.damping[0])
+        # By relative changes of effectiveness, and by changes of damping, lag and delay.
+        slopes = np.stack([driven, answers.rate, -s / (1.0 + s * plant.lag_s[0]) * driven, -s * driven])
+        fitted = gaussian_response(s, air.fitted_hz) ** 2
+        self._information, self._scatter = (
+            np.real((slopes * weight) @ _to_integrate(slopes.conj().T, f))
+            for weight in (energy * fitted, energy * fitted**2 * noise)
+        )
+        typical = np.trapezoid(noise * fitted, f) / np.trapezoid(fitted, f)
+        # How well damping, lag and delay are known before a flight, in standard deviations.
+        before = (max(2.0, abs(float(plant.damping[0]))), 0.7 * max(float(plant.lag_s[0]), 0.01), 0.01)
+        self._known_before = np.diag([0.0, *(typical / spread**2 for spread in before)])
+        self._typical = float(typical)
+        moved = _to_integrate((slopes * energy * fitted * driven.conj()).T, f)
+        alike = np.exp(-np.abs(np.subtract.outer(np.log(f), np.log(f))) / OCTAVE)
+        self._departure = sum(each.T @ alike @ each for each in (moved.real, moved.imag))
+
+    def half_width(self, chirp: Chirp) -> float:
+        """Return half the 95 % interval of the effectiveness that a sweep promises, over the effectiveness.
+
+        Returns
+        -------
+        float
+            The gyro's scale included, and the smooth departure that no lag and delay describe.
+        """
+        times, known_before = chirp.strength / self._strength, self._known_before
+        inverse = np.linalg.pinv(times * self._information + known_before, hermitian=True)
+        # What is known before has its own part in the variance, as a measurement would.
+        scatter = times * self._scatter + self._typical * known_before
+        variance = (inverse @ scatter @ inverse)[0, 0]
+        variance += (LEAST_DEPARTURE * times) ** 2 * (inverse[0] @ self._departure @ inverse[0])
+        return float(np.hypot(NORMAL_95 * math.sqrt(max(variance, 0.0)), GYRO_SYSTEMATIC))
 
 
 def _to_integrate(columns: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:

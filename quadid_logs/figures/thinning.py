@@ -45,12 +45,16 @@ def thin_line(x: FloatArray, y: FloatArray, buckets: int = BUCKETS) -> tuple[Flo
     lowest, highest = (np.where(missing, np.inf, y), np.where(missing, -np.inf, y)) if gaps.size else (y, y)
     picks = (_in_rows(lowest, width).argmin(1), _in_rows(highest, width).argmax(1))
     rows = np.arange(picks[0].size) * width
-    kept = np.unique(np.concatenate([rows + picks[0], rows + picks[1], [0, n_points - 1]]))
+    # Marked, not sorted: there are few points to a bucket.
+    marked = np.zeros(n_points, dtype=np.bool_)
+    for some in (rows + picks[0], rows + picks[1], [0, n_points - 1]):
+        marked[some] = True
+    kept = np.flatnonzero(marked)
     # Every gap between two points that stay must stay too, or a line would bridge it.
     following = np.searchsorted(gaps, kept)
     bridged = np.diff(following) > 0
-    kept = np.unique(np.concatenate([kept, gaps[following[:-1][bridged]]]))
-    return x[kept], y[kept]
+    marked[gaps[following[:-1][bridged]]] = True
+    return x[marked], y[marked]
 
 
 def _in_rows(y: FloatArray, width: int) -> FloatArray:
@@ -70,7 +74,10 @@ def thin_points(
     if x.size <= cells[0]:
         return x, y
     cell = _cell(x, cells[0]) * cells[1] + _cell(y, cells[1])
-    kept = np.sort(np.unique(cell, return_index=True)[1])
+    first = np.full(cells[0] * cells[1], -1)
+    # Of all in a cell the first is written last.
+    first[cell[::-1]] = np.arange(cell.size)[::-1]
+    kept = np.sort(first[first >= 0])
     return x[kept], y[kept]
 
 

@@ -298,6 +298,7 @@ def _windows(model: Model, windows: Windows) -> dict[str, Any]:
         # Quantiles of the order statistics themselves: interpolating beside an infinity gives NaN.
         low, middle, high = np.quantile(windows.condition_number, [0.05, 0.5, 0.95], method="nearest")
         spread = {"median": float(middle), "p05": float(low), "p95": float(high)}
+    used = windows.coefficients[windows.used]
     return {
         "n": windows.time_s.shape[0],
         **some_fields(windows, "width", "stride", "period_s"),
@@ -306,7 +307,7 @@ def _windows(model: Model, windows: Windows) -> dict[str, Any]:
         "condition_number": spread,
         "rank": {str(rank): int(count) for rank, count in zip(ranks, counts, strict=True)},
         "estimates": {
-            parameter.name: _estimate(windows.coefficients[windows.used][:, row, column])
+            parameter.name: _estimate(used[:, row, column])
             for parameter, row, column in [
                 (parameter, model.targets.index(parameter.target), columns.index(parameter.regressor))
                 for parameter in model.parameters

@@ -214,7 +214,7 @@ def ardupilot_rate_law(
     # By place: names take as long as all the sums.
     found = RateTerms(
         proportional,
-        higher(lower(integral, bound), -bound),
+        bound if integral > bound else -bound if integral < -bound else integral,
         derivative,
         slope,
         before.scale,
@@ -342,8 +342,9 @@ def mix(command: Triple, throttle: float, mixer: Mixer) -> Mixed:
     room = higher(1.0 - base - high * scale, 0.0)
     lift = lower(higher(throttle - base, 0.0), room) * (scale >= 1.0)
     collective = base + lift
+    # Written out: a call for each bound and motor would take longer than the sums.
     thrust = [
-        higher(lower(collective * t + scale * value, 1.0), 0.0)
+        0.0 if (each := collective * t + scale * value) < 0.0 else 1.0 if each > 1.0 else each
         for t, value in zip(mixer.throttle, wanted, strict=True)
     ]
     limited = 1.0 * ((scale < 1.0) | (turned != yaw) | (collective < throttle - 1e-9))
@@ -354,11 +355,13 @@ def _yaw_room(tilt: list[float], yaw: float, best_throttle: float, mixer: Mixer)
     """How much yaw the motors have room for beside roll and pitch, the headroom at least."""
     allowed = 1.0
     for value, factor in zip(tilt, mixer.yaw, strict=True):
+        base = room = best_throttle + value
+        if yaw * factor > 0.0:
+            room = base + (1.0 - 2.0 * base)
         size = abs(factor)
-        base = best_throttle + value
-        room = base + (1.0 - 2.0 * base) * (yaw * factor > 0.0)
         # A motor without yaw authority sets no limit.
-        allowed = lower(allowed, higher(room, 0.0) / higher(size, 1e-6) + 1e6 * (size < 1e-6))
+        if size >= 1e-6 and room < allowed * size:
+            allowed = 0.0 if room < 0.0 else room / size
     return higher(allowed, mixer.yaw_headroom)
 
 

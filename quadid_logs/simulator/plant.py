@@ -87,14 +87,15 @@ def advance(state: State, targets: Rotors, wind: Triple, body: Body, external: E
     middle, end = _wrench(middle_speeds, body), _wrench(speeds, body)
     # The moment of the rotors' angular momentum h along -z, -h' - w x h [N m], over one period. What rotors
     # take up of angular momentum, the vehicle loses: one that speeds up turns it against its spin.
-    inertias = body.rotor_inertia or (0.0,) * len(speeds)
-    taken = momentum = 0.0
-    for before, speed, inertia in zip(state.speeds, speeds, inertias, strict=True):
-        taken = taken + inertia * (speed - before)
-        momentum = momentum + inertia * speed
-    p, q, _ = state.rate
     x, y, z = external.torque
-    moment = (L + x + q * momentum, M + y - p * momentum, N + z + taken / body.step_s)
+    moment = (L + x, M + y, N + z)
+    if body.rotor_inertia:
+        taken = momentum = 0.0
+        for before, speed, inertia in zip(state.speeds, speeds, body.rotor_inertia, strict=True):
+            taken = taken + inertia * (speed - before)
+            momentum = momentum + inertia * speed
+        p, q, _ = state.rate
+        moment = (moment[0] + q * momentum, moment[1] - p * momentum, moment[2] + taken / body.step_s)
     torques = (_plus(state.wrench.torque, moment), _plus(middle.torque, moment), _plus(end.torque, moment))
     rate, stages = step_rates(state.rate, torques, body.step_s, body.inertia, body.damping)
     attitude = step_attitude(state.attitude, stages, body.step_s)

@@ -10,11 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-import typer.main
 
 from quadid_logs import pipeline
 from quadid_logs.cli import main
-from quadid_logs.cli.app import make_app
+from quadid_logs.cli.app import command_of
 from quadid_logs.cli.options import axes_of
 from quadid_logs.data.result import Result
 from quadid_logs.errors import SettingsError
@@ -50,7 +49,7 @@ PAGES = {"--open"}
 )
 def test_a_verb_takes_the_options_of_all(verb: str, wanted: set[str]) -> None:
     """What one verb takes a user tries on the next one."""
-    command = typer.main.get_command(make_app()).commands[verb]
+    command = command_of().commands[verb]  # type: ignore[attr-defined]
     assert wanted <= {option for each in command.params for option in each.opts}
 
 

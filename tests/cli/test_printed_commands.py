@@ -18,11 +18,10 @@ from typing import Any, NamedTuple
 
 import pytest
 import typer
-import typer.main
 
 from quadid_logs import pipeline
 from quadid_logs.cli import main
-from quadid_logs.cli.app import make_app
+from quadid_logs.cli.app import command_of
 from quadid_logs.cli.terminal import wrapped
 from quadid_logs.commands import named, quoted
 from quadid_logs.data.catalogue import CATALOGUE
@@ -232,7 +231,7 @@ def output_of(arguments: tuple[str, ...]) -> str:
 @cache
 def verbs() -> Mapping[str, Any]:
     """Return the commands by name."""
-    return typer.main.get_command(make_app()).commands  # type: ignore[attr-defined, no-any-return]
+    return command_of().commands  # type: ignore[attr-defined, no-any-return]
 
 
 def parsed(words: list[str]) -> None:

@@ -37,6 +37,9 @@ FIELDS = [
 ]
 
 
+_READ: dict[bytes, list[Any]] = {}
+
+
 def rows(path: Path) -> Records:
     """Read all messages with pymavlink."""
     found: Records = defaultdict(list)
@@ -46,15 +49,17 @@ def rows(path: Path) -> Records:
 
 
 def stream(path: Path) -> list[Any]:
-    """Read all messages with pymavlink, in the order of the file."""
+    """Read all messages with pymavlink, in the order of the file; the same bytes once."""
     from pymavlink.DFReader import DFReader_binary
 
-    reader = DFReader_binary(str(path))
-    found = []
-    while (message := reader.recv_msg()) is not None:
-        found.append(message)
-    reader.filehandle.close()
-    return found
+    content = path.read_bytes()
+    if content not in _READ:
+        reader = DFReader_binary(str(path))
+        found = _READ[content] = []
+        while (message := reader.recv_msg()) is not None:
+            found.append(message)
+        reader.filehandle.close()
+    return _READ[content]
 
 
 def column(messages: list[Any], *names: str) -> np.ndarray:

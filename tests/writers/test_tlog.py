@@ -23,16 +23,21 @@ Write = Callable[[FlightLog, str], Path]
 Rows = dict[str, list[Any]]
 
 
+_READ: dict[bytes, Rows] = {}
+
+
 def rows(path: Path) -> Rows:
-    """Read all messages with mavutil."""
+    """Read all messages with mavutil, of the same bytes once."""
     from pymavlink import mavutil
 
-    connection = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
-    found: Rows = defaultdict(list)
-    while (message := connection.recv_msg()) is not None:
-        found[message.get_type()].append(message)
-    connection.close()
-    return found
+    content = path.read_bytes()
+    if content not in _READ:
+        connection = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
+        found = _READ[content] = defaultdict(list)
+        while (message := connection.recv_msg()) is not None:
+            found[message.get_type()].append(message)
+        connection.close()
+    return _READ[content]
 
 
 def column(messages: list[Any], *names: str) -> np.ndarray:
