@@ -265,7 +265,9 @@ def high_pass(columns: FloatArray, period_s: float, cutoff_hz: float) -> FloatAr
     n_removed = min(int(2.0 * len(columns) * period_s * cutoff_hz) + 1, len(columns))
     if n_removed <= _FEW_COSINES and n_removed * len(columns) <= _MOST_KEPT:
         low = _lowest_cosines(len(columns), n_removed)
-        return np.asarray(columns - low @ (low.T @ columns))
+        # First the mean: of a large one, sums of products would leave more than rounding does elsewhere.
+        rest = columns - columns.mean(axis=0)
+        return np.asarray(rest - low @ (low.T @ rest))
     from scipy.fft import dct, idct
 
     spectrum = dct(columns, axis=0, norm="ortho")
