@@ -436,21 +436,19 @@ def _late_rotors(signals: FlownSignals, lag_s: float) -> Iterator[EffectColumn]:
     per_thrust, by_torque = _mixing(signals.data.input)
     if not (rotors_known(signals.data) and per_thrust.size):
         return
-    segments = [record.segment for record in signals.records]
-    lift = _lifts(segments, by_torque)
-    for asymmetry in _ASYMMETRIES:
-        rotors = Rotors(lag_s / (1.0 + asymmetry), lag_s / (1.0 - asymmetry))
-        made = [
-            partial(
-                _late,
-                lift=each,
-                rotors=rotors,
-                mixing=(per_thrust, by_torque),
-                period_s=signals.data.sample_period_s,
-            )
-            for each in lift
+    lift = _lifts([record.segment for record in signals.records], by_torque)
+    levels = [Rotors(lag_s / (1.0 + each), lag_s / (1.0 - each)) for each in _ASYMMETRIES]
+    of_torques, of_told = (
+        [
+            _late(torque, each, levels, (per_thrust, by_torque), signals.data.sample_period_s)
+            for torque, each in zip(torques, lift, strict=True)
         ]
-        column = signals.column("asymmetry", made, lost=True, spread=1.0, weight=1.0 / len(_ASYMMETRIES))
+        for torques in (signals.torques, signals.told)
+    )
+    for acting, commanded in zip(zip(*of_torques, strict=True), zip(*of_told, strict=True), strict=True):
+        column = signals.of_signals(
+            "asymmetry", [*acting], [*commanded], lost=True, spread=1.0, weight=1.0 / len(levels)
+        )
         if column is not None:
             yield column
 
@@ -467,24 +465,23 @@ def _lifts(segments: Sequence[Segment], by_torque: FloatArray) -> list[FloatArra
 def _late(
     torque: FloatArray,
     lift: FloatArray,
-    rotors: Rotors,
+    levels: Sequence[Rotors],
     mixing: tuple[FloatArray, FloatArray],
     period_s: float,
-) -> FloatArray:
-    """Return what rotors take from a torque that slow down later than they speed up; shape (n, 3).
+) -> list[FloatArray]:
+    """Return what rotors take from a torque that slow down later than they speed up; (n, 3) for each level.
 
-    Speed follows with the lag T/(1 + a) upwards and T/(1 - a) downwards, and would follow with T both ways.
-    What that adds to a thrust has no sign: of two rotors that a torque moves against each other it cancels
-    where both lack as much.
+    Speed follows with the lag T/(1 + a) upwards and T/(1 - a) downwards, and would follow with T, the same at
+    all levels, both ways. What that adds to a thrust has no sign: of two rotors that a torque moves against
+    each other it cancels where both lack as much.
     """
     per_thrust, by_torque = mixing
     thrust = np.maximum(torque @ by_torque.T + lift, 0.0)
-    lag_s = 2.0 / (1.0 / rotors.up_s + 1.0 / rotors.down_s)
-    even, late = (
-        beside_linear_lag(thrust, np.sqrt(thrust), period_s, each, lag_s)[0]
-        for each in (Rotors(lag_s, lag_s), rotors)
+    speed, lag_s = np.sqrt(thrust), 2.0 / (1.0 / levels[0].up_s + 1.0 / levels[0].down_s)
+    even, *late = (
+        beside_linear_lag(thrust, speed, period_s, each, lag_s)[0] for each in (Rotors(lag_s, lag_s), *levels)
     )
-    return np.asarray((even - late) @ per_thrust.T)
+    return [np.asarray((even - each) @ per_thrust.T) for each in late]
 
 
 def _mixing(described: InputDescription | None) -> tuple[FloatArray, FloatArray]:

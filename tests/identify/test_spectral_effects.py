@@ -332,7 +332,7 @@ def test_what_late_rotors_take_is_what_they_lack_behind_one_lag() -> None:
         lacking = target - speed
         speed = target - lacking * np.exp(-PERIOD_S / np.where(lacking > 0.0, up_s, down_s))
         made[row] = PER_THRUST @ speed**2
-    late = _late(torque, np.full((n, 4), HOVER), Rotors(up_s, down_s), (PER_THRUST, mixing), PERIOD_S)
+    (late,) = _late(torque, np.full((n, 4), HOVER), [Rotors(up_s, down_s)], (PER_THRUST, mixing), PERIOD_S)
     left = lag(torque - late, PERIOD_S, mean_s) - made
     without = lag(torque, PERIOD_S, mean_s) - made
     assert np.std(left[200:]) < 0.15 * np.std(without[200:])
