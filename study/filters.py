@@ -46,6 +46,7 @@ _DURATION_S: Final = 24.0
 _N_CHANGES: Final = 3
 _MOST_FLIGHTS: Final = 4
 _GENTLER: Final = 0.6
+_FULLER: Final = 2.0
 #: The ways in which filters are bad.
 KINDS: Final = ("too much", "too little", "wrong notch", "none")
 _GUSTS_HZ: Final = (0.05, 60.0)
@@ -53,8 +54,8 @@ _N: Final = 400
 #: Where gyro noise moves motors [Hz].
 _NOISE_ABOVE_HZ: Final = 15.0
 _GUST_RAD_S2: Final = 0.5
-#: Noise of the command that no motor shows: a tenth of the 5 % that are accepted heats a hundredth as much.
-_UNHEARD: Final = 0.005
+#: One of the thousand steps of a PWM output: less is no noise.
+_LEAST_NOISE: Final = 0.001
 
 
 class Flown(NamedTuple):
@@ -217,8 +218,12 @@ def measure(seed: int, number: int) -> dict[str, Any]:
             values = {name: one.next for name, one in tuning.changes.items()}
             if gentler := any({"QL617", "QL635"} & set(one) for one in codes.values()):
                 # A pilot who is told that the motors were at their limits flies gentler manoeuvres.
-                air = dataclasses.replace(air, manoeuvre=_gentler(air.manoeuvre))
-            if not values and not gentler:
+                air = dataclasses.replace(air, manoeuvre=_scaled(air.manoeuvre, 3 * (_GENTLER,)))
+            # And one who is told that the sticks moved an axis too little moves it more.
+            fuller = tuple(_FULLER if "QL615" in codes[axis] else 1.0 for axis in AXES)
+            again = gentler or any(one > 1.0 for one in fuller)
+            air = dataclasses.replace(air, manoeuvre=_scaled(air.manoeuvre, fuller))
+            if not values and not again:
                 break
             if values:
                 flown = loaded(flown, values)
@@ -233,9 +238,9 @@ def measure(seed: int, number: int) -> dict[str, Any]:
     return told
 
 
-def _gentler(manoeuvre: Any) -> Any:
+def _scaled(manoeuvre: Any, factors: tuple[float, ...]) -> Any:
     (rms,) = manoeuvre.keywords.values()
-    return partial(manoeuvre.func, rms_rad_s=tuple(_GENTLER * one for one in rms))
+    return partial(manoeuvre.func, rms_rad_s=tuple(f * one for f, one in zip(factors, rms, strict=True)))
 
 
 def loaded(flown: Flown, values: Mapping[str, float]) -> Flown:
@@ -273,9 +278,9 @@ def _notch(flown: TrackingNotch | None, values: Mapping[str, float]) -> Tracking
 def table(vehicles: list[dict[str, Any]]) -> Iterator[str]:
     """Yield the lines of the table: at the end, filters and gains over gains alone.
 
-    Noise as it is, and with what no motor shows taken for one and the same.
+    Noise as it is, and with less than a step of an output taken for one.
     """
-    yield "| filters as flown | vehicles | gust error | noise | noise from 0.5 % up | margins kept |"
+    yield "| filters as flown | vehicles | gust error | noise | noise from 0.1 % up | margins kept |"
     yield "|---|---|---|---|---|---|"
     good = [one for one in vehicles if "error" not in one]
     for kind in (*KINDS, "all"):
@@ -288,9 +293,10 @@ def table(vehicles: list[dict[str, Any]]) -> Iterator[str]:
             for axis in AXES
         ]
         columns = (_spread(new[name] / old[name] for new, old in pairs) for name in ("gusts_rad", "noise"))
-        heard = _spread(max(new["noise"], _UNHEARD) / max(old["noise"], _UNHEARD) for new, old in pairs)
+        noises = ([max(one["noise"], _LEAST_NOISE) for one in pair] for pair in pairs)
+        at_least = _spread(new / old for new, old in noises)
         kept = np.mean([new["spare"] >= min(0.95, old["spare"]) for new, old in pairs])
-        yield f"| {kind} | {len(some)} | {' | '.join(columns)} | {heard} | {100.0 * kept:.0f} % |"
+        yield f"| {kind} | {len(some)} | {' | '.join(columns)} | {at_least} | {100.0 * kept:.0f} % |"
 
 
 def _spread(ratios: Iterable[float]) -> str:

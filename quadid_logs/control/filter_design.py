@@ -1,15 +1,17 @@
 """Filters and gains together: settings of the filters that leave gusts less, or motors less noise.
 
 Each setting that the firmware version has is ranked by the best gains behind it: a low-pass costs phase,
-which gains pay for, and a notch costs less of it than a low-pass that takes as much from a line. All axes
-have one objective: the logarithm of the gust error, plus what noise heats motors by. No axis may end with
-more of either than gains alone leave it. What is chosen goes through the whole search for gains afterwards,
+which gains pay for, and a notch costs less of it than a low-pass that takes as much from a line. These are
+the gains that a next flight behind the same filters would be given, so that flights end where they are
+promised to. All axes have one objective: gust error and noise of the command, each over what gains alone
+leave. No axis may end with more of either. What is chosen goes through the whole search for gains afterwards,
 with every vehicle that the flight allows.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -28,7 +30,7 @@ _MOST: Final = 2.0
 _STEPS: Final = (math.sqrt(_MOST), _MOST**0.25)
 #: A search that goes on for longer comes back to what it left.
 _MOST_ROUNDS: Final = 4
-#: Filters are changed for a tenth of gust error or heat of an axis, as gains are.
+#: Filters are changed for a tenth of gust error and noise of an axis, as gains are for one of gust error.
 WORTH: Final = 0.10
 #: Less than this part of a cut-off is no change, nor of what is to be small.
 SAME: Final = 0.02
@@ -36,24 +38,39 @@ SAME: Final = 0.02
 #: It may be a mode of the frame, which raises the loop by up to 27 dB (docs/loop.md): below, it closes none.
 _AT_LINES: Final = 1.06
 _MODE_PEAK: Final = 22.0
-#: Of the noise that is accepted, what no motor shows: it heats with the square, a hundredth as much.
-_UNHEARD: Final = 0.1
+#: Of the noise that is accepted, 5 % of the command's range: less than one of the thousand steps of a PWM
+#: output is no noise.
+_LEAST_NOISE: Final = 0.02
+#: Part of the sum that decides where the larger of two is as small as it gets.
+_AUGMENTED: Final = 0.1
+#: Beyond e to this power nothing is told apart.
+_ENOUGH: Final = 100.0
 
 
-def most_noise(alone: float) -> float:
-    """Return what noise the gains behind other filters may make, over what is accepted.
+def together(new: Quick, alone: Quick, too_noisy: float) -> float:
+    """Return what gains behind other filters make of gust error and noise, against gains alone.
+
+    What is won is shared: of the two ratios the larger one counts, by the augmented Chebyshev norm (R. E.
+    Steuer and E.-U. Choo, 1983).
 
     Parameters
     ----------
-    alone : float
-        That of the best gains behind the flown filters, over what is accepted.
+    new, alone : Quick
+    too_noisy : float
+        Noise as flown over what is accepted, NaN where the log does not tell it.
 
     Returns
     -------
     float
-        No more than those make, unless no motor shows it.
+        A logarithm: zero for gains alone, and much for what leaves more of either.
     """
-    return max(alone, _UNHEARD)
+    least = _LEAST_NOISE / too_noisy if too_noisy > 0.0 else sys.float_info.min
+    ratios = [math.log(new.cost / alone.cost), math.log(max(new.noise, least) / max(alone.noise, least))]
+    lost = sum(max(one - SAME, 0.0) for one in ratios)
+    if alone.noise <= least or not too_noisy > 0.0:
+        # There is no noise to be won, or nobody knows it.
+        ratios.pop()
+    return max(ratios) + _AUGMENTED * sum(ratios) + PENALTY * lost
 
 
 class Filterable(Protocol):
@@ -73,9 +90,9 @@ class Filterable(Protocol):
 class Changes(NamedTuple):
     """Parameters of filters for the next flight, those of all axes and those of each, and what they bring.
 
-    ``cost`` and ``noise`` are by axis, over those of the best gains behind the flown filters, ``factors`` of
-    the gains, and ``values`` what was to be small behind the flown filters (`Quick.value`). ``cutoffs``
-    names the low-passes among the parameters, ``trials`` is what was looked at.
+    ``cost`` and ``noise`` are by axis, over those of ``alone``, the best gains behind the flown filters, and
+    ``factors`` of the gains. ``cutoffs`` names the low-passes among the parameters, ``trials`` is what was
+    looked at.
     """
 
     shared: Mapping[str, float]
@@ -83,7 +100,7 @@ class Changes(NamedTuple):
     cost: Mapping[str, float]
     noise: Mapping[str, float]
     factors: Mapping[str, Mapping[str, float]]
-    values: Mapping[str, float]
+    alone: Mapping[str, Quick]
     cutoffs: frozenset[str] = frozenset()
     trials: Mapping[str, tuple[FilterTrial, ...]] = MappingProxyType({})
 
@@ -128,7 +145,7 @@ def design_filters(
     *,
     shared: bool,
 ) -> Changes | None:
-    """Choose settings of the filters: those with the least of gust error and heat, over all axes.
+    """Choose settings of the filters: those with the least of gust error and noise, over all axes.
 
     Parameters
     ----------
@@ -169,7 +186,6 @@ class _Design:
         self._axes, self._choices, self._parameters = axes, choices, parameters
         self._still_hz = still_hz
         self._alone: dict[str, Quick] = {}
-        self._begin: dict[str, float] = {}
         self._known: dict[tuple[str, frozenset[tuple[str, float]]], Quick | None] = {}
         self._trials: dict[str, list[FilterTrial]] = {axis: [] for axis in axes}
 
@@ -179,15 +195,11 @@ class _Design:
             best = search.best()
             if best is None:
                 return None
-            self._alone[axis] = best[0].told_of(best[1])
-        # Behind the flown filters too, less heat may be worth some gust error.
-        begin = self._with(_State(found=self._alone), tuple(self._axes))
-        if begin is None:
-            return None
-        # A rough search may miss what the whole one found.
-        found = {axis: min(one, self._alone[axis], key=_value) for axis, one in begin.found.items()}
-        begin = replace(begin, found=found)
-        self._begin = {axis: one.value for axis, one in begin.found.items()}
+            alone, factors = best
+            # Where no gains keep the limits, what flies.
+            kept = factors if alone.keeps(factors) else dict.fromkeys(factors, 1.0)
+            self._known[axis, frozenset()] = self._alone[axis] = alone.told_of(kept)
+        begin = _State(found=self._alone)
         low_passes = [
             _LowPass(axis, cutoffs, (axis,))
             for axis in self._axes
@@ -283,9 +295,13 @@ class _Design:
         return FilterTrial(phase_deg, found.noise * self._axes[axis].too_noisy, found.cost)
 
     def _total(self, state: _State) -> float:
-        """Return what is to be small, over all axes; what one of them loses is a limit that is not kept."""
-        changes = [one.value - self._begin[axis] for axis, one in state.found.items()]
-        return sum(changes) + PENALTY * sum(max(one - SAME, 0.0) for one in changes)
+        """Return what is to be small, over all axes, and what gains miss of limits beyond gains alone."""
+        total = 0.0
+        for axis, found in state.found.items():
+            alone = self._alone[axis]
+            total += together(found, alone, self._axes[axis].too_noisy)
+            total += min(PENALTY * max(found.missing - alone.missing, 0.0), _ENOUGH)
+        return total
 
     def _worth(self, state: _State) -> Changes | None:
         """Return the changes where they bring as much as a change of gains is to bring."""
@@ -306,13 +322,9 @@ class _Design:
             cost={axis: new.cost / old.cost for axis, new, old in both},
             noise={axis: new.noise / old.noise for axis, new, old in both},
             factors={axis: one.factors for axis, one in state.found.items()},
-            values=self._begin,
+            alone=self._alone,
             cutoffs=frozenset(
                 name for one in chain(self._choices.shared, *self._choices.own.values()) for name in one
             ),
             trials=trials,
         )
-
-
-def _value(found: Quick) -> float:
-    return found.value

@@ -14,8 +14,8 @@ from quadid_logs.diagnose.findings import finding
 class Refiltered(NamedTuple):
     """The next flight of an axis with filters and gains, and what these bring in the end.
 
-    ``in_the_end`` is the logarithm of gust error, and heat, at the target of gains and filters, less that
-    behind the flown filters.
+    ``in_the_end`` is what gust error and noise are at the target of gains and filters, against gains alone
+    (`filter_design.together`).
     """
 
     tuning: AxisTuning

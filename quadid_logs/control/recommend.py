@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.filter_design import SAME, Changes, design_filters, most_noise
+from quadid_logs.control.filter_design import Changes, design_filters, together
 from quadid_logs.control.filter_findings import filter_findings
 from quadid_logs.control.filter_guard import Refiltered, are_worth_it, is_no_worse, with_flown_filters
 from quadid_logs.control.guard import Case, obstacles
@@ -25,7 +25,6 @@ from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.off_nominal import N_PLANTS, OffNominal
 from quadid_logs.control.scaled_loop import HeldLoops, Kept, ScaledLoops, scaled_loops, spare
 from quadid_logs.control.separate_gains import (
-    Alone,
     Disturbed,
     Rebuild,
     SeparateGains,
@@ -417,19 +416,7 @@ class _Search:
         best = self.best()
         if best is None:
             return None
-        return best[0].behind(filters, 1.0 / self._case.data.sample_period_s, self._alone)
-
-    @cached_property
-    def _alone(self) -> Alone:
-        """What gains alone reach; where none keep the limits, what flies."""
-        best = self.best()
-        if best is None:
-            return Alone(1.0, 1.0)
-        search, factors = best
-        found = search.told_of(factors).noise
-        noise = most_noise(found * self.too_noisy) / self.too_noisy if self.too_noisy > 0.0 else 1.0
-        # The search ends at what no flight would show: gains that leave exactly as much are hardly found.
-        return Alone((1.0 + SAME) * (search.gust_error(factors) if search.keeps(factors) else 1.0), noise)
+        return best[0].behind(filters, 1.0 / self._case.data.sample_period_s)
 
     def is_kept(self) -> bool:
         """Tell whether the worst of the vehicles that the next flight allows keeps the limits as flown."""
@@ -630,21 +617,21 @@ class _Search:
         """
         axis = self._case.axis
         filters = chosen.of(axis, self.parameters)
-        search, alone = self.filtered({name: one.next for name, one in filters.items()}), self.best()
-        if not filters or search is None or alone is None:
+        search = self.filtered({name: one.next for name, one in filters.items()})
+        if not filters or search is None:
             return None
         target = search.target_near(chosen.factors[axis])
         step = search.step(target, MOST_UP) if search.keeps(target) else None
         if step is None:
             return None
-        new, old = search.told_of(target), alone[0].told_of(alone[1])
+        new, old = search.told_of(target), chosen.alone[axis]
         chosen = chosen.told(axis, new, old, self.too_noisy, search.phase_lost_deg())
         reasons = filter_findings(axis, filters, chosen)
         if any(one.next != one.target for one in step.gains.values()):
             reasons.append(_found("QL633", self._case, {}))
         described = self._described("change", tuple(reasons), step)
         tuning = replace(described, filters=filters, filter_trials=chosen.trials.get(axis, ()))
-        return Refiltered(tuning, search.settled(target) - chosen.values[axis])
+        return Refiltered(tuning, together(new, old, self.too_noisy))
 
     def _separate(self) -> SeparateGains | None:
         """Return a search for gains one by one; None where there is none, or the mixer holds all gains."""

@@ -36,8 +36,6 @@ _MOST_PEAK_DB: Final = 5.0
 _MOST_RESONANCE_DB: Final = resonance_db(0.35)
 #: A missing hundredth of a limit weighs more than any rejection of gusts that it could be paid with.
 PENALTY: Final = 30.0
-#: Beyond e to this power nothing is told apart.
-_ENOUGH: Final = 100.0
 #: The search ends where the error changes by less than this part, or after so many steps; it changes gains by
 #: so much to see what that does, as logarithms.
 _TOLERANCE: Final = 1e-3
@@ -129,31 +127,13 @@ class Quick(NamedTuple):
     """Factors on gains, and what they make of the flown vehicle's gusts and noise.
 
     ``cost`` is as of `SeparateGains.cost`, ``noise`` the command's over that of the flown gains and filters,
-    ``heat`` what that noise heats motors by (`_Noise.heat`), ``missing`` what the decisive vehicles lack of
-    all limits.
+    ``missing`` what the decisive vehicles lack of all limits.
     """
 
     factors: Mapping[str, float]
     cost: float
     noise: float
-    heat: float
     missing: float
-
-    @property
-    def value(self) -> float:
-        """What is to be small: the logarithm of the cost, heat, and what is missing of limits."""
-        return math.log(self.cost) + self.heat + min(PENALTY * self.missing, _ENOUGH)
-
-
-class Alone(NamedTuple):
-    """What gains alone reach: other filters are to leave no more than that.
-
-    ``gust_error`` is as of `SeparateGains.gust_error`, ``noise`` the command's over that as flown; where the
-    log does not tell it, none of its frequencies may pass more than as flown.
-    """
-
-    gust_error: float
-    noise: float
 
 
 class Disturbed(NamedTuple):
@@ -298,7 +278,7 @@ class SeparateGains:
         loops = held.loops
         self._varied, self._names, self._now = varied, varied.names, varied.now
         self._paths, self._loops, self._rebuild, self._limits = paths, loops, rebuild, limits
-        self._alone: Alone | None = None
+        self._refiltered = False
         self._held = held
         self._groups = tuple(_groups(held))
         #: Of each group: the estimate, and those that are the worst in what limits the gains.
@@ -337,11 +317,8 @@ class SeparateGains:
         other._latest = None
         return other
 
-    def behind(self, filters: Mapping[str, float], log_hz: float, alone: Alone) -> SeparateGains | None:
+    def behind(self, filters: Mapping[str, float], log_hz: float) -> SeparateGains | None:
         """Return the search behind other filters; what is better or noisier is still told of what flew.
-
-        It finds the gains with the least of gust error and heat together that leave no more gust error nor
-        noise than gains alone.
 
         Parameters
         ----------
@@ -349,8 +326,6 @@ class SeparateGains:
             By parameter.
         log_hz : float
             Rate of the rows that show the noise: what they may hide counts as its worst.
-        alone : Alone
-            What the gains behind these filters may leave.
 
         Returns
         -------
@@ -368,8 +343,8 @@ class SeparateGains:
         if paths is None:
             return None
         other = self.anew()
-        other._paths, other._rebuild, other._alone = paths, filtered, alone
-        other._noise = self._noise.behind(log_hz, alone.noise)
+        other._paths, other._rebuild, other._refiltered = paths, filtered, True
+        other._noise = self._noise.behind(log_hz)
         return other
 
     def target(self, common: float) -> dict[str, float]:
@@ -417,12 +392,10 @@ class SeparateGains:
         ends = tried[-1:] if borne else [end for one in tried if (end := self._up_to_the_limits(one))]
         if (not ends or min(map(self.cost, ends)) > 1.0) and self.keeps(self._flown):
             ends = [*ends, self._flown]
-        if self._alone is None:
-            return min(ends, key=self.cost, default=tried[-1])
-        # What ranked the filters may be better than where a search ends that looks at more vehicles.
-        if not borne and self.keeps(begin):
+        # What ranked filters may be better than where a search ends that looks at more vehicles.
+        if self._refiltered and not borne and self.keeps(begin):
             ends = [*ends, begin]
-        return min(ends, key=self.settled, default=tried[-1])
+        return min(ends, key=self.cost, default=tried[-1])
 
     def _aim_higher(self, factors: Mapping[str, float]) -> bool:
         """Ask for more of the limits where gains keep them until they are rounded; tell whether they do."""
@@ -539,8 +512,7 @@ class SeparateGains:
     ) -> tuple[FloatArray, FloatArray]:
         """Return what is to be small, a logarithm, and how much is kept of each limit beyond it.
 
-        That is the `cost`, and behind other filters heat too. For each of several sets of gains: (n_sets,),
-        (n_sets, n_limits).
+        That is the `cost`. For each of several sets of gains: (n_sets,), (n_sets, n_limits).
         """
         value, kept, burdens = self._weighed(factors, most_up)
         return value + np.sum(np.maximum(burdens, 0.0), axis=1), kept
@@ -560,12 +532,7 @@ class SeparateGains:
         ]
         if np.isfinite(most_up):
             kept.append(np.log(self._may_rise(kept[0] + 1.0, most_up) / self._rises(factors))[:, np.newaxis])
-        error_rad = self._gusts.attitude_rad(loop.whole)
-        value = np.log(error_rad)
-        if self._alone is not None:
-            most_rad = self._alone.gust_error * self._flown_error_rad
-            kept.append(np.log(most_rad / error_rad)[:, np.newaxis])
-            value = value + self._noise.heat(self._noise.ratio(loop))
+        value = np.log(self._gusts.attitude_rad(loop.whole))
         return value, np.minimum(np.concatenate(kept, axis=1), 1.0), self._burdens(factors, attitude)
 
     def _burdens(self, factors: Mapping[str, FloatArray], attitude: Attitude) -> FloatArray:
@@ -612,7 +579,7 @@ class SeparateGains:
         """
         answer = self._answer(factors)
         rises = answer / self._flown_answer
-        if self._alone is not None:
+        if self._refiltered:
             loop = answer * np.abs(self._loops.body[0][self._above])
             rises = np.where(loop > _SMALL_LOOP, rises, 0.0)
         return np.asarray(np.max(rises, axis=1))
@@ -682,15 +649,6 @@ class SeparateGains:
         burdens = self._burdens(sets, self._attitude(self._at(sets)))
         return math.exp(np.sum(np.maximum(burdens, 0.0))) * self.gust_error(factors)
 
-    def settled(self, factors: Mapping[str, float]) -> float:
-        """Return `Quick.value` of gains that keep all margins, of limits with what gains alone reach only."""
-        loop = self._at(_sets(factors))
-        heat, more = float(self._noise.heat(self._noise.ratio(loop))[0]), float(self._noise.beyond(loop)[0])
-        beyond = max(more, 0.0)
-        if self._alone is not None:
-            beyond += max(math.log(self.gust_error(factors) / self._alone.gust_error), 0.0)
-        return math.log(self.cost(factors)) + heat + PENALTY * max(beyond - _ROUNDING, 0.0)
-
     def gust_error(self, factors: Mapping[str, float]) -> float:
         """Return the attitude error of gusts with other gains, over that of the flown ones."""
         whole = self._at(_sets(factors)).whole
@@ -717,9 +675,7 @@ class SeparateGains:
         kept = self._told(_sets(factors))[1]
         noise = self._noise.ratio(self._at(_sets(factors)))
         missing = float(np.sum(np.maximum(-kept[0] - _ROUNDING, 0.0)))
-        return Quick(
-            dict(factors), self.cost(factors), float(noise[0]), float(self._noise.heat(noise)[0]), missing
-        )
+        return Quick(dict(factors), self.cost(factors), float(noise[0]), missing)
 
     def phase_lost_deg(self) -> float:
         """Return the phase that filters lose at the flown crossover, less that of the flown ones [deg]."""
@@ -788,7 +744,7 @@ class SeparateGains:
             vehicle of those that the next flight allows has less margin than is to be kept, or than it had.
             None where there are no such gains.
         """
-        if all(factor == 1.0 for factor in target.values()) and self._alone is None:
+        if all(factor == 1.0 for factor in target.values()) and not self._refiltered:
             return None
         best = dict(target)
         if not self._is_small_step(target, most_up):
@@ -911,15 +867,13 @@ class _Noise:
             np.add.at(self._power, before + 1, power * (place - before))
         self._aliases: list[IntArray] = []
         now = 0.0 if self._power is None else float(np.sqrt(np.sum(self._power)))
-        #: As flown, of what is accepted.
-        self._flown_part = now / disturbed.most_noise
         #: Of the noise as flown.
-        self._most_ratio = max(1.0 / self._flown_part, 1.0) if now > 0.0 else 1.0
+        self._most_ratio = max(disturbed.most_noise / now, 1.0) if now > 0.0 else 1.0
 
-    def behind(self, log_hz: float, most: float) -> _Noise:
+    def behind(self, log_hz: float) -> _Noise:
         """Return the noise for other filters: what rows of this rate may hide counts as its worst."""
         other = copy(self)
-        other._aliases, other._most_ratio = _aliases(self._frequency_hz, log_hz), most
+        other._aliases = _aliases(self._frequency_hz, log_hz)
         return other
 
     def ratio(self, loop: _Loop) -> FloatArray:
@@ -933,13 +887,6 @@ class _Noise:
         for places in self._aliases:
             ratio = np.maximum(ratio, ratio[:, places])
         return np.asarray(np.sqrt(ratio**2 @ self._power / np.sum(self._power)))
-
-    def heat(self, ratio: FloatArray) -> FloatArray:
-        """Return what noise heats motors by, of what the accepted noise does; 0 where it is unknown.
-
-        Ripple of a current heats a winding with its square. ``ratio`` is the noise over that as flown.
-        """
-        return np.asarray((self._flown_part * ratio) ** 2)
 
     def beyond(self, loop: _Loop) -> FloatArray:
         """Return by how much the command is noisier than it may be; where that is unknown, than it was.

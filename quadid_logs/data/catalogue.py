@@ -1050,7 +1050,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "Change filters and gains together: they reject gusts better or make less noise, and "
                 "margins stay above the limits",
                 "A filter costs phase, and lost phase limits the gains. These filters and gains together "
-                "leave less gust error, or less noise on the motors, than any gains with the flown filters.",
+                "leave less gust error or less noise on the motors than the best gains with the flown "
+                "filters, and more of neither.",
                 "Load the file as a whole: these gains belong to these filters. Hover first. Land after "
                 "half a minute and feel the motors: they must be cool.",
                 scope="gains",
