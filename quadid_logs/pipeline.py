@@ -39,7 +39,7 @@ Progress = Callable[[str], None]
 
 
 def analyze(
-    path: str | Path | FlightLog,
+    logs: str | Path | FlightLog | Sequence[str | Path | FlightLog],
     settings: Settings | None = None,
     *,
     vehicle: Vehicle | None = None,
@@ -47,15 +47,17 @@ def analyze(
     published: bool = True,
     progress: Progress | None = None,
 ) -> Result:
-    """Run every stage on one log; `quadid_logs.analyze` wraps this function.
+    """Run every stage; `quadid_logs.analyze` and `quadid_logs.analyze_pooled` wrap this function.
 
     Parameters
     ----------
-    path : str, Path or FlightLog
-        A file, or a log in memory. Tables are not accepted here.
+    logs : str, Path, FlightLog or sequence of these
+        A file, or a log in memory; of several of one vehicle, one model is identified. Tables are not
+        accepted here.
     settings : Settings, optional
+        ``start_s`` and ``end_s`` apply to the clock of each log.
     vehicle : Vehicle, optional
-        Known properties of the vehicle. They take precedence over the log's parameters.
+        Known properties of the vehicle. They take precedence over the logs' parameters.
     structure : Structure, optional
         An own structure, fitted in addition to those of the package, and recommended.
     published : bool
@@ -71,71 +73,23 @@ def analyze(
     Raises
     ------
     LogError
-        If the file cannot be read as a flight log at all.
-    SettingsError
-        If the selected part of the log holds no flight, or the structure is unknown.
-    """
-    return _analyze([path], settings or Settings(), vehicle, structure, progress, published=published)
-
-
-def analyze_pooled(
-    paths: Sequence[str | Path | FlightLog],
-    settings: Settings | None = None,
-    *,
-    vehicle: Vehicle | None = None,
-    structure: Structure | None = None,
-    progress: Progress | None = None,
-) -> Result:
-    """Run every stage on several logs of one vehicle; `quadid_logs.analyze_pooled` wraps this function.
-
-    Parameters
-    ----------
-    paths : sequence of str, Path or FlightLog
-        Files, or logs in memory.
-    settings : Settings, optional
-        ``start_s`` and ``end_s`` apply to the clock of each log.
-    vehicle : Vehicle, optional
-        Known properties of the vehicle. They take precedence over the logs' parameters.
-    structure : Structure, optional
-        An own structure, fitted in addition to those of the package, and recommended.
-    progress : callable, optional
-        Called with the name of each stage as it begins.
-
-    Returns
-    -------
-    Result
-        A plain result without the methods of an `Analysis`.
-
-    Raises
-    ------
-    LogError
         If one of the files cannot be read as a flight log at all.
     SettingsError
-        If the logs' torques are not the same quantity, or the selected part holds no flight.
+        If the selected part holds no flight, the structure is unknown, or the logs' torques are not the same
+        quantity.
     """
-    return _analyze(paths, settings or Settings(), vehicle, structure, progress)
-
-
-def _analyze(
-    paths: Sequence[str | Path | FlightLog],
-    settings: Settings,
-    vehicle: Vehicle | None,
-    structure: Structure | None,
-    progress: Progress | None,
-    *,
-    published: bool = True,
-) -> Result:
-    """Run the stages in order; several logs are concatenated after alignment."""
+    paths = [logs] if isinstance(logs, str | Path | FlightLog) else logs
+    settings = settings or Settings()
     tell = progress or (lambda _stage: None)
     clock = _Clock()
     tell("read")
-    logs = [
+    read = [
         path if isinstance(path, FlightLog) else read_log(path, system=settings.system, number=settings.log)
         for path in paths
     ]
     clock.lap("read")
     tell("align")
-    prepared = [prepare(log, vehicle) for log in logs]
+    prepared = [prepare(log, vehicle) for log in read]
     check_part(prepared, settings.align)
     flights = [cut(each, settings.align) for each in prepared]
     # Where their rates differ, all at the slowest of them.
@@ -160,8 +114,8 @@ def _analyze(
     del prepared
     tell("identify")
     pooled = tuple(
-        PooledLog(path=one.path, used_s=each.used_s, same_as=logs[same[place]].path if place in same else "")
-        for place, (one, each) in enumerate(zip(logs, flights, strict=True))
+        PooledLog(path=one.path, used_s=each.used_s, same_as=read[same[place]].path if place in same else "")
+        for place, (one, each) in enumerate(zip(read, flights, strict=True))
     )
     pooled = pooled if len(paths) > 1 else ()
     return judge(

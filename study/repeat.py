@@ -34,7 +34,7 @@ from quadid_logs.errors import QuadidError  # noqa: E402
 from quadid_logs.identify.spectral import by_coordinates, few_blocks, solve_flight  # noqa: E402
 from quadid_logs.maths.block_spectra import BlockSpectra, block_spectra  # noqa: E402
 from quadid_logs.maths.normal import NORMAL_95  # noqa: E402
-from quadid_logs.pipeline import analyze, analyze_pooled  # noqa: E402
+from quadid_logs.pipeline import analyze  # noqa: E402
 from quadid_logs.repetition import Repeatability, repeat  # noqa: E402
 from quadid_logs.report.numbers import plus_minus  # noqa: E402
 from quadid_logs.vocabulary import ON_AXIS  # noqa: E402
@@ -94,7 +94,7 @@ def measure(logs: Sequence[Path]) -> tuple[list[Result], Repeatability, Result |
     """Analyze each flight, hold them against each other, and pool them."""
     results = [result for log in logs if (result := _one(log)) is not None]
     try:
-        pooled = analyze_pooled([result.log.path for result in results])
+        pooled = analyze([result.log.path for result in results])
     except QuadidError:
         pooled = None
     return results, repeat(results), pooled

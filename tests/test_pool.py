@@ -69,7 +69,7 @@ def test_logs_of_different_rates_are_pooled_at_the_slower_one(
     """400 Hz and 100 Hz."""
     monkeypatch.setattr("quadid_logs.pipeline.judge", lambda _log, data, *_given, **_named: data)
     slower = written(tmp_path, "slower.bin", "sysid-quad-x", seed=4, duration_s=25.0, rate_hz=100.0)
-    data = pipeline.analyze_pooled([flights[1], slower])
+    data = pipeline.analyze([flights[1], slower])
     assert data.sample_period_s == pytest.approx(0.01, rel=0.01)
     assert len(data.flight_segments) == 2
 
@@ -113,5 +113,5 @@ def test_what_is_told_of_the_vehicle_is_that_of_the_first_log_that_flew(
     monkeypatch.setattr("quadid_logs.pipeline.judge", lambda log, *_given, **_named: log)
     ground = tmp_path / "ground.bin"
     ground.write_bytes(flights[1].read_bytes()[:30_000])
-    log = pipeline.analyze_pooled([ground, flights[1]])
+    log = pipeline.analyze([ground, flights[1]])
     assert Path(log.path).name == "all.bin"

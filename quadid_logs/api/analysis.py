@@ -250,7 +250,7 @@ def analyze_pooled(
     """
     chosen, own = _settings(settings, structure)
     read = [as_log(each) for each in logs]
-    result = pipeline.analyze_pooled(read, chosen, vehicle=vehicle, structure=own, progress=progress)
+    result = pipeline.analyze(read, chosen, vehicle=vehicle, structure=own, progress=progress)
     return _analysis(result, own)
 
 

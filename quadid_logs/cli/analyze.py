@@ -240,10 +240,10 @@ def _refused(result: Result) -> set[str]:
 
 def _result_of(logs: list[Path], wish: _Wish, progress: Progress) -> Result:
     """Analyze one log, or several as one."""
-    from quadid_logs.pipeline import analyze_pooled
+    from quadid_logs.pipeline import analyze
 
     if len(logs) > 1:
-        return analyze_pooled(logs, wish.settings, vehicle=wish.vehicle, progress=progress)
+        return analyze(logs, wish.settings, vehicle=wish.vehicle, progress=progress)
     return analyze_longest(logs[0], wish.settings, wish.vehicle, progress=progress)
 
 
