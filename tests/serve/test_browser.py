@@ -174,7 +174,7 @@ def test_the_history_of_a_vehicle_opens(session: Session) -> None:
     """With what a change would take."""
     browser = session.home()
     browser.click("#vehicles a[href^='/vehicles/']")
-    browser.wait("location.pathname.startsWith('/vehicles/')")
+    browser.wait("location.pathname.startsWith('/vehicles/') && document.readyState === 'complete'")
     text = browser.run("document.body.innerText")
     assert "A change is reported only if" in text
     assert NAME in text
