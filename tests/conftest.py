@@ -20,7 +20,7 @@ import hypothesis
 import pytest
 
 from tests.kept import SHELVES, Shelf, clear_others, code_key
-from tests.kept_stages import STAGES, kept_stages, watch_patches
+from tests.kept_stages import STAGES, inside, kept_stages, tell_inside, watch_patches
 
 if TYPE_CHECKING:
     from tests.analyses import Analyzed
@@ -230,6 +230,7 @@ _FOLDERS = pytest.StashKey[dict[str, str]]()
 def kept_folders(config: pytest.Config) -> dict[str, str]:
     """Return the folder of each kind, named by the content of the code that fills it; delete all others."""
     if hasattr(config, "workerinput"):
+        tell_inside(config.workerinput["inside"])
         return dict(config.workerinput["kept_folders"])
     if _FOLDERS not in config.stash:
         config.stash[_FOLDERS] = {kind: f"{kind}-{code_key(module)}" for kind, module in KEPT.items()}
@@ -242,6 +243,7 @@ def kept_folders(config: pytest.Config) -> dict[str, str]:
 def pytest_configure_node(node: Any) -> None:
     """Read the code once, not in each test process."""
     node.workerinput["kept_folders"] = kept_folders(node.config)
+    node.workerinput["inside"] = sorted(inside())
 
 
 @pytest.fixture(scope="session")

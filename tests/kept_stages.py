@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import pickle
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cache, wraps
@@ -35,6 +35,7 @@ _INSIDE: Final = ("quadid_logs.identify", "quadid_logs.control.closed_loop", "qu
 #: Whose calls of the stages are asked from what is kept.
 _CALLERS: Final = ("quadid_logs", "tests", "benchmarks", "study")
 _PATCHES: Final[WeakSet[pytest.MonkeyPatch]] = WeakSet()
+_TOLD: frozenset[str] = frozenset()
 
 
 class _Hashed:
@@ -94,13 +95,19 @@ def is_patched() -> bool:
         one.__name__ if isinstance(one, ModuleType) else getattr(one, "__module__", None) for one in changed
     }
     ours = {name for name in names if name is not None and name.startswith("quadid_logs.")}
-    return bool(ours) and not ours.isdisjoint(_inside())
+    return bool(ours) and not ours.isdisjoint(inside())
 
 
 @cache
-def _inside() -> frozenset[str]:
+def inside() -> frozenset[str]:
     """Return all modules in which a patch changes what the stages return."""
-    return frozenset(modules_behind(*_INSIDE))
+    return _TOLD or frozenset(modules_behind(*_INSIDE))
+
+
+def tell_inside(modules: Iterable[str]) -> None:
+    """Take them from a process that has read the code: each would read it once more."""
+    global _TOLD
+    _TOLD = frozenset(modules)
 
 
 @contextmanager

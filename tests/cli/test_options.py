@@ -25,6 +25,8 @@ pytestmark = pytest.mark.usefixtures("quick_multisines")
 
 SAMPLES = REPOSITORY / "sample_logs"
 SYSID, TELEMETRY = SAMPLES / "sysid-quad-x.bin", SAMPLES / "doublets.tlog"
+#: Refused for its rate of 10 Hz, and so analyzed in no time.
+SLOW = SAMPLES / "default-logging.bin"
 #: Of what analyzes logs; `compare` names the logs of its two files by --logs, `repeat` takes one of each.
 ON_LOGS = {"--start-s", "--end-s", "--band", "--system", "--vehicle", "--quiet"}
 ONE_LOG = {"--log"}
@@ -163,7 +165,7 @@ def test_logs_of_one_stem_and_two_endings_have_two_folders(tmp_path: Path) -> No
     """The second one was refused, or with --force took the place of the first."""
     out = tmp_path / "out"
     first, second = tmp_path / "flight.BIN", tmp_path / "flight.tlog"
-    shutil.copy(SYSID, first)
+    shutil.copy(SLOW, first)
     shutil.copy(TELEMETRY, second)
     for log in (first, second, second):
         assert main(["analyze", str(log), "-o", str(out), "--no-report", "-q", "--force"]) in (0, 1)
