@@ -18,7 +18,7 @@ from quadid_logs.containers.content import decode_text
 from quadid_logs.containers.dataflash import DataFlashFile, read_messages
 from quadid_logs.containers.message_table import MessageTable
 from quadid_logs.errors import EmptyLogError, LogError, LogNotFoundError, UnknownFormatError
-from tests.marks import thorough_but
+from tests.marks import thorough, thorough_but
 
 from .dataflash_files import (
     ATT,
@@ -297,7 +297,7 @@ def damage_cases() -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("kind", damage_cases())
-@pytest.mark.parametrize("size", [1, 7, 63, 500, 4096, 65_536])
+@pytest.mark.parametrize("size", [thorough(1), 7, thorough(63), 500, thorough(4096), 65_536])
 def test_a_damaged_block_costs_only_itself(kind: str, size: int) -> None:
     """Lost rows are at most the damaged bytes over the mean message length plus 4; none is invented."""
     content = flight(3000)

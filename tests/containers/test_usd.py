@@ -13,9 +13,12 @@ from quadid_logs.containers.usd import is_mine, read_usd
 from quadid_logs.errors import EmptyLogError, LogError, UnknownFormatError
 from quadid_logs.load import read_log
 from tests.conftest import corpus_logs
+from tests.marks import thorough_but
 
 from . import usd_maker as maker
 
+#: One of eight is read in a quick run.
+FLOWN = corpus_logs("flown/crazyswarm2/logs")
 #: Every type of a log variable.
 TYPES: dict[int, maker.Type] = {
     0xFFFF: ("fixedFrequency", [("gyro.x", "f"), ("pm.state", "b"), ("a.b", "B"), ("a.h", "h")]),
@@ -63,7 +66,7 @@ def test_every_field_of_both_versions_is_as_the_description_says(version: int, t
 
 
 @pytest.mark.corpus
-@pytest.mark.parametrize("name", corpus_logs("flown/crazyswarm2/logs"))
+@pytest.mark.parametrize("name", thorough_but(FLOWN[::8], FLOWN))
 def test_every_flown_log_equals_the_independent_reader(name: str, corpus: Path) -> None:
     """Each field of each event of each log."""
     path = corpus / "flown" / "crazyswarm2" / name

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from quadid_logs.align import cut
 from quadid_logs.data.flight import Segment
@@ -30,11 +31,8 @@ def white(seed: int) -> np.ndarray:
 
 def behind(values: np.ndarray, lag_s: float) -> np.ndarray:
     """Return values behind a first-order lag."""
-    found, state, part = np.empty_like(values), 0.0, -np.expm1(-_STEP_S / lag_s)
-    for k, value in enumerate(values):
-        state += part * (value - state)
-        found[k] = state
-    return found
+    part = -np.expm1(-_STEP_S / lag_s)
+    return np.asarray(lfilter([part], [1.0, part - 1.0], values))
 
 
 def flown(lag_s: float, delay_s: float = 0.0) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from quadid_logs.maths.random_effect import random_effect, random_effect_mean
+from tests.marks import thorough
 
 
 def draws(n: int, between: float, *, seed: int, size: int = 2000) -> tuple[np.ndarray, np.ndarray]:
@@ -32,8 +33,8 @@ def test_estimates_of_one_value_are_rarely_told_apart(n: int) -> None:
     assert 0.035 < told < 0.065
 
 
-@pytest.mark.parametrize("between", [0.0, 0.05, 0.2])
-@pytest.mark.parametrize("n", [3, 5, 12])
+@pytest.mark.parametrize("between", [0.0, thorough(0.05), 0.2])
+@pytest.mark.parametrize("n", [3, thorough(5), 12])
 def test_the_interval_of_the_mean_covers_what_two_vehicles_about(n: int, between: float) -> None:
     """The mean's own interval and what is added cover the true mean in 93 % of draws and more."""
     value, half = draws(n, between, seed=10 * n)
