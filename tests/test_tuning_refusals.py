@@ -244,6 +244,17 @@ def unharmed(axis: str) -> AxisTuning:
     return recommend(flown("ardupilot"), GOOD, [axis], ranges=AS_FLOWN).axes[axis]
 
 
+def test_gains_are_not_called_right_where_motors_at_their_limits_hide_what_others_would_do() -> None:
+    """A yaw with seven times the error of the best gains and 28 dB to spare was told to keep them."""
+    result = flown("ardupilot")
+    assert result.data.input is not None
+    given = replace(result.data.input, saturated_fraction=0.07, limited_fraction=(0.07, 0.0, 0.0))
+    near = replace(result, data=replace(result.data, input=given))
+    # Higher gains keep lower limits still: only the motors hold these.
+    tuned = recommend(near, Limits(3.0, 25.0, 0.3), ["roll"]).axes["roll"]
+    assert (tuned.verdict, [one.code for one in tuned.reasons]) == ("refused", ["QL635"])
+
+
 def test_the_loop_of_a_refused_model_is_not_called_unstable() -> None:
     """None was closed: that a controller or a model is not what flew would be made up."""
     refused = judged("refused")(on_loop(margins=None)(flown("ardupilot")))

@@ -8,7 +8,7 @@ flight changes gains by one step; what is promised of it is computed from the va
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Final, NamedTuple
@@ -669,13 +669,20 @@ class _Search:
             if target.held_by:
                 out.append(_found(target.held_by, self._case, self._evidence(target.held_by)))
             out += filter_note(self._case, self._rebuild, self._loops)
-            margins = (self._case.found or AxisLoop()).margins
-            return AxisTuning(verdict="refused", reasons=tuple(out), now=margins)
+            return self._refused(out)
+        if target.held_by == "QL635" and self.is_kept():
+            # What other gains would do was not searched for: nothing says that these are right.
+            return self._refused([_found("QL635", self._case, self._evidence("QL635"), "warning")])
         gains = {name: GainChange(now, now, now) for name, now in self._now.items()}
         # What the next flight may differ in widens what is promised of it, with kept gains too.
         step = _Step(1.0, self._loops.controller, self._loops.margins())
         reasons = tuple(self._reasons("keep", target, step))
         return self._described("keep", reasons, Step(gains, step.controller, step.promised, 0))
+
+    def _refused(self, reasons: Sequence[Finding]) -> AxisTuning:
+        return AxisTuning(
+            verdict="refused", reasons=tuple(reasons), now=(self._case.found or AxisLoop()).margins
+        )
 
     def _step(self, target: Found) -> _Step | None:
         """Return the change for the next flight; what reaches the limits keeps them in all drawn vehicles."""

@@ -1009,7 +1009,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL635",
                 "Motor limits cap the gains",
                 "This axis got less torque than was commanded in more than a twentieth of the flight. "
-                "Higher gains would only reach the limits sooner.",
+                "Higher gains would only reach the limits sooner, and this flight does not show whether the "
+                "flown ones are right.",
                 "Fly gentler manoeuvres for tuning.",
                 scope="gains",
             ),
