@@ -38,7 +38,13 @@ from quadid_logs.identify.response import SAMPLES_PER_CYCLE, Band, fitted_band, 
 from quadid_logs.identify.rigid_body import fit_single_rigid_body
 from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.slow_yaw import fit_slow_yaw
-from quadid_logs.identify.spectral import AxisMoments, SharedActuator, response_to_commands, solve_flight
+from quadid_logs.identify.spectral import (
+    AxisMoments,
+    SharedActuator,
+    response_to_commands,
+    solve_flight,
+    with_delay_alone,
+)
 from quadid_logs.identify.spectral_axes import (
     actuator_told,
     explains,
@@ -224,7 +230,7 @@ def _by_spectra(data: FlightData) -> _BySpectra:
     solution = solve_flight(data)
     if solution is None:
         return _BySpectra()
-    fits = average_over_effects(solution, data)
+    fits = tuple(with_delay_alone(each) for each in average_over_effects(solution, data))
     return _BySpectra(solution.fits, fits, solution.planned, tuple(solution.axes))
 
 

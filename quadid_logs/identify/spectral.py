@@ -77,6 +77,9 @@ _RIDGE = 1e-3
 #: that only where the log stamps them late.
 _LAG_S, _LAG_SPREAD = 0.035, 0.7
 _DELAY_S, _DELAY_SPREAD_S = 0.008, 0.008
+#: Three standard deviations below, one in a thousand motors has such a lag, but every vehicle without motors,
+#: as firmware in the loop may fly: 4 ms.
+_NO_LAG_S: Final = _LAG_S * float(np.exp(-3.0 * _LAG_SPREAD))
 _LAGS_S: Final = np.geomspace(0.002, 0.15, 10)
 _DELAYS_S: Final = (-0.02, -0.004, 0.004, 0.012, 0.03)
 _LEADS_S: Final = (0.0, 0.1, 0.2)
@@ -1236,6 +1239,27 @@ def figures_by_coordinates(axis: int, gain: float, actuator: SharedActuator) -> 
     if axis == _YAW:
         slopes[4, 2], slopes[4, 3] = gain * _LEAD_SPREAD_S, actuator.lead_s
     return slopes
+
+
+def with_delay_alone(fit: SpectralFit) -> SpectralFit:
+    """Return an estimate whose lag, if it is too short for a motor, is a part of its delay.
+
+    In the band, such a lag and a delay are one and the same: only their sum is known, and what the prior of
+    lags makes of it would be a delay that is too short.
+
+    Parameters
+    ----------
+    fit : SpectralFit
+
+    Returns
+    -------
+    SpectralFit
+    """
+    if not fit.mean[2] < _NO_LAG_S:
+        return fit
+    summed = np.eye(5)
+    summed[2, 2], summed[3, 2] = 0.0, 1.0
+    return replace(fit, mean=summed @ fit.mean, covariance=summed @ fit.covariance @ summed.T)
 
 
 def few_blocks(n_blocks: int) -> float:

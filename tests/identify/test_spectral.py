@@ -12,6 +12,7 @@ import pytest
 
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.model import SpectralFit
+from quadid_logs.identify.spectral import with_delay_alone
 from quadid_logs.identify.spectral_effects import fit_by_spectra
 from tests.marks import thorough_but
 
@@ -224,3 +225,24 @@ def test_signals_of_no_size_tell_nothing(size: float) -> None:
     segment = _fly(3, seconds=12.0).segments[0]
     small = replace(segment, torque=size * segment.torque, body_rate_rad_s=size * segment.body_rate_rad_s)
     assert fit_by_spectra(_data(small)) == ()
+
+
+def test_a_lag_that_no_motor_has_is_a_part_of_the_delay() -> None:
+    """Firmware in the loop flew without motors: lag 1.8 ms and delay -0.4 ms left 3 ms behind a hold."""
+    covariance = np.diag([4.0, 0.01, 1e-6, 1e-6, 1.0])
+    covariance[2, 3] = covariance[3, 2] = -0.9e-6
+    fit = SpectralFit(
+        mean=np.array([440.0, -2.0, 0.0018, -0.0004, 0.0]),
+        covariance=covariance,
+        departure=0.02,
+        commanded=1.0,
+        r2_commanded=1.0,
+        n_blocks=32,
+        half_width=12.0,
+    )
+    told = with_delay_alone(fit)
+    assert told.mean[2:4] == pytest.approx([0.0, 0.0014])
+    assert told.covariance[3, 3] == pytest.approx(0.2e-6)
+    # Motors of the smallest propellers have 10 ms.
+    motors = replace(fit, mean=np.array([440.0, -2.0, 0.01, -0.0004, 0.0]))
+    assert with_delay_alone(motors) is motors
