@@ -53,8 +53,8 @@ class Analysis(Result):
     >>> import quadid_logs
     >>> quadid_logs.analyze("sample_logs/sysid-quad-x.bin")
     <Analysis of 'sysid-quad-x.bin': structure rigid-body
-      roll   usable   B11 = 197.9 (194.8 to 201.0) rad/s^2
-      pitch  usable   B22 = 176.6 (172.7 to 180.5) rad/s^2
+      roll   usable   B11 = 197.9 (195.3 to 200.5) rad/s^2
+      pitch  usable   B22 = 176.6 (173.4 to 179.8) rad/s^2
       yaw    usable   B33 = 10.88 (10.74 to 11.02) rad/s^2>
     """
 
