@@ -28,6 +28,8 @@ _AHEAD: Final = 4
 #: How long a scheduler may be away [s]: a machine restarts in less.
 PATIENCE_S: Final = 300.0
 _RECONNECT_S: Final = 1.0
+#: Until a scheduler must have answered once [s].
+_ANSWERS_WITHIN_S: Final = 10.0
 _LOOPBACK: Final = "127.0.0.1:0"
 #: Of what Dask does beside the work, a run of hours needs neither samples of where Python is (100 a
 #: second) nor fifty looks a second at whether its own loop is busy.
@@ -149,7 +151,8 @@ class _Dispatcher:
         until = time.monotonic() + patience_s
         while True:
             try:
-                return _equipped(distributed.Client(self._address, timeout=10, set_as_default=False))
+                client = distributed.Client(self._address, timeout=_ANSWERS_WITHIN_S, set_as_default=False)
+                return _equipped(client)
             except QuadidError:
                 raise
             except (OSError, ValueError) as error:

@@ -323,8 +323,9 @@ def test_a_log_that_kills_worker_after_worker_is_a_row(undisturbed, few, poisone
     assert others == rows_about(few, undisturbed)
 
 
-def test_a_scheduler_that_is_not_there_is_one_clear_line(logs, tmp_path, capsys):
+def test_a_scheduler_that_is_not_there_is_one_clear_line(logs, tmp_path, capsys, monkeypatch):
     """No traceback, exit code 2."""
+    monkeypatch.setattr("quadid_logs.fleets.engine._ANSWERS_WITHIN_S", 0.5)
     code = main(["fleet", str(logs), "-o", str(tmp_path / "store"), "--scheduler", "tcp://127.0.0.1:9"])
     assert code == 2
     assert "does not answer" in capsys.readouterr().err
