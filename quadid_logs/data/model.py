@@ -724,7 +724,7 @@ class SpectralFit:
     effects : tuple of Effect
         Detected deviations from a linear response, which the estimate includes.
     shift : float
-        Relative increase of the effectiveness if these effects are included.
+        Relative increase of the effectiveness by these effects, and on the mean by those that are possible.
     variation : float
         Rms variation of the effectiveness over the flight, relative to its mean.
     by_effects : float

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -119,6 +119,20 @@ class FlownSignals:
             place[record] += n // 2
         return signals
 
+    @cached_property
+    def hidden_by_steps(self) -> list[FloatArray]:
+        """What whole steps towards zero are expected to hide of each record's torque, (n_samples, 3)."""
+        grid = (0.0, 0.0, 0.0) if self.data.input is None else self.data.input.grid
+        torque, told = np.concatenate(self.torques), np.concatenate(self.told)
+        hidden = np.zeros_like(torque)
+        for axis, step in enumerate(grid):
+            if step:
+                logged = torque[:, axis]
+                # Zero was logged of both signs.
+                low, high = logged - step * (logged < 0.5 * step), logged + step * (logged > -0.5 * step)
+                hidden[:, axis] = expected_within(low, high, told[:, axis]) - logged
+        return np.split(hidden, np.cumsum([len(each) for each in self.torques])[:-1])
+
     def column(
         self,
         kind: Effect,
@@ -211,7 +225,8 @@ def _cut_off(signals: FlownSignals, steps: FloatArray) -> Iterator[EffectColumn]
     size = np.where(steps, steps, np.inf)
     column = signals.of_signals(
         "cut steps",
-        [-each for each in _hidden_by_steps(signals, steps)],
+        [-each for each in signals.hidden_by_steps],
+        # What was commanded is known: so is what steps hide of it.
         [np.where(steps, -np.fmod(each, size), 0.0) for each in signals.told],
         lost=True,
         spread=1.0,
@@ -219,18 +234,6 @@ def _cut_off(signals: FlownSignals, steps: FloatArray) -> Iterator[EffectColumn]
     )
     if column is not None:
         yield column
-
-
-def _hidden_by_steps(signals: FlownSignals, steps: FloatArray) -> list[FloatArray]:
-    """Return what steps (3,) towards zero are expected to hide of each record's torque, (n_samples, 3)."""
-    torque, told = np.concatenate(signals.torques), np.concatenate(signals.told)
-    hidden = np.zeros_like(torque)
-    for axis in np.flatnonzero(steps).tolist():
-        step, logged = steps[axis], torque[:, axis]
-        # Zero was logged of both signs.
-        low, high = logged - step * (logged < 0.5 * step), logged + step * (logged > -0.5 * step)
-        hidden[:, axis] = expected_within(low, high, told[:, axis]) - logged
-    return np.split(hidden, np.cumsum([len(each) for each in signals.torques])[:-1])
 
 
 def as_cut(signals: FlownSignals) -> FlightData:
@@ -248,10 +251,9 @@ def as_cut(signals: FlownSignals) -> FlightData:
     data = signals.data
     if data.input is None:
         return data
-    hidden = _hidden_by_steps(signals, np.array(data.input.grid, dtype=np.float64))
     segments = [
-        replace(record.segment, torque=record.segment.torque + each)
-        for record, each in zip(signals.records, hidden, strict=True)
+        replace(record.segment, torque=record.segment.torque + hidden)
+        for record, hidden in zip(signals.records, signals.hidden_by_steps, strict=True)
     ]
     return replace(data, segments=tuple(segments), input=replace(data.input, grid=(0.0, 0.0, 0.0)))
 
