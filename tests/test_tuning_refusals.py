@@ -272,6 +272,13 @@ def test_the_loop_of_a_controller_that_did_not_fly_is_not_called_unstable() -> N
     assert "QL625" not in codes
 
 
+def test_the_loop_of_a_log_too_slow_for_the_controller_is_not_called_unstable() -> None:
+    """Of a vehicle that hovered for two minutes: "There is no stable loop to start from"."""
+    slow_yaw = slow(judged("caution", "QL531")(on_loop(margins=None)(flown("ardupilot"))))
+    codes = [one.code for one in recommend(slow_yaw, GOOD, ["roll"]).axes["roll"].reasons]
+    assert codes == ["QL615", "QL613"]
+
+
 def test_telemetry_without_parameters_is_sent_to_the_card_and_not_to_another_controller() -> None:
     """ "Log all parameters, and fly with the standard rate controller": it had flown with it."""
     result = flown("ardupilot")

@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from quadid_logs.control.closed_loop import disagrees
 from quadid_logs.data.catalogue import CATALOGUE, CAVEATS, MOST_SATURATED
 from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.controller import AxisController, FlownControllers, RemarkKind, ReplayReason
@@ -89,6 +88,13 @@ class Case:
 
 def obstacles(case: Case) -> Iterator[Finding]:
     """Yield all that forbids to recommend gains, the most fundamental first."""
+    before = list(_before_the_loop(case))
+    yield from before
+    yield from _loop(case, said=bool(before))
+
+
+def _before_the_loop(case: Case) -> Iterator[Finding]:
+    """Yield what forbids it whatever the loop is."""
     if case.n_pooled:
         yield _refusal("QL623", case, {"logs": case.n_pooled})
     if case.differ:
@@ -120,7 +126,6 @@ def obstacles(case: Case) -> Iterator[Finding]:
     mode = next((one for one in case.diagnosis.findings if one.code == "QL525"), None)
     if mode is not None:
         yield _refusal("QL619", case, {"axes": list(mode.axes), **mode.evidence})
-    yield from _loop(case)
 
 
 def _refusal(
@@ -213,17 +218,24 @@ def _replay(case: Case) -> Iterator[Finding]:
         yield _refusal("QL612", case, {"reason": reason, "parameter": replay.parameter})
 
 
-def _loop(case: Case) -> Iterator[Finding]:
-    """Yield that the loop is contradicted by what was measured, or does not hold together."""
+def _loop(case: Case, *, said: bool) -> Iterator[Finding]:
+    """Yield that the loop is contradicted by what was measured, or does not hold together.
+
+    Parameters
+    ----------
+    case : Case
+    said : bool
+        Whether something else forbids gains already.
+    """
     if case.found is None or case.controller is None:
         return
     if case.found.contradicted:
         yield _refusal("QL614", case, {"known_to_hz": rounded(case.found.known_hz)})
     margins = case.found.margins
     if margins is None or case.plants is None:
-        # None is closed around a refused model, nor with a controller that did not fly: QL615, QL612 say so.
-        verdict = case.diagnosis.axes.get(case.axis)
-        if not ((verdict is not None and verdict.verdict == "refused") or disagrees(case.found.replay)):
+        # Nobody closed one around a model that is not to be used, or with a controller that was not seen to
+        # fly: the finding about that names its remedy, and this one would make up another cause.
+        if not (said or case.found.contradicted):
             yield _refusal("QL625", case, {})
     elif not all(one.stable for one in (margins.rate, margins.full) if one is not None):
         yield _refusal("QL625", case, {"stable": False})
