@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from quadid_logs.align.held import is_held
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray, runs
 from quadid_logs.vocabulary import GRAVITY_M_S2
@@ -33,6 +34,7 @@ _LIFTING, _LIFT_S = 0.5, 0.5
 _STILL_DEG_S, _STILL_S = 0.3, 0.2
 _TOO_SHORT = "the vehicle was never in the air for two seconds without a break"
 _BENCH = "the rotors ran, but the vehicle did not move, as on a bench"
+_HELD = "the vehicle was held, as on a test rig: its accelerometer tilted with gravity, as in no flight"
 
 
 class Flights(NamedTuple):
@@ -95,7 +97,7 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
     if not evidence:
         found = _from_motion(series)
         flown = _turning(series, found.intervals)
-        return Flights(flown, found.reason if flown or not found.intervals else _BENCH)
+        return _free(series, Flights(flown, found.reason if flown or not found.intervals else _BENCH))
     aloft = _until_it_rests(series, grid, powered=aloft, stated=stated)
     # The intervals where the mask holds, bridging short dips.
     intervals: list[Interval] = []
@@ -109,8 +111,19 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
     lasting = tuple((a, b) for a, b in trimmed if b > a)
     if lasting and not {"armed", "landed"} & series.keys():
         lasting = _turning(series, lasting)
-        return Flights(lasting, "" if lasting else _BENCH)
-    return Flights(lasting, "" if lasting else _TOO_SHORT, tuple(intervals))
+        return _free(series, Flights(lasting, "" if lasting else _BENCH))
+    return _free(series, Flights(lasting, "" if lasting else _TOO_SHORT, tuple(intervals)))
+
+
+def _free(series: Mapping[str, CleanSeries], found: Flights) -> Flights:
+    """Return the flights in which nothing held the vehicle."""
+    force, rate = series.get("specific_force"), series.get("body_rate")
+    if force is None or rate is None:
+        return found
+    flown = tuple(each for each in found.intervals if not is_held(force, rate, *each))
+    if flown or not found.intervals:
+        return found._replace(intervals=flown)
+    return Flights((), _HELD)
 
 
 def _until_it_rests(
