@@ -35,6 +35,26 @@ def number(value: float, digits: int = 4) -> str:
     return (shown.rstrip("0").rstrip(".") if "." in shown else shown).replace("-", "−")
 
 
+def beside(value: float, limit: float, decimals: int) -> str:
+    """Return a number with so many decimals, and more where it would read like a limit that it is not at.
+
+    Parameters
+    ----------
+    value, limit : float
+        In one unit; the limit is written beside it.
+    decimals : int
+        At least; three more at most.
+
+    Returns
+    -------
+    str
+    """
+    most = decimals + 3
+    while decimals < most and value != limit and round(value, decimals) == limit:
+        decimals += 1
+    return f"{value:.{decimals}f}"
+
+
 def interval(low: float, high: float) -> str:
     """Return a 95 % interval, or that there is none.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from quadid_logs.numerals import estimate, interval, plus_minus
+from quadid_logs.numerals import beside, estimate, interval, plus_minus
 
 
 @pytest.mark.parametrize(
@@ -37,3 +37,11 @@ def test_what_is_rounded_to_nothing_has_no_sign() -> None:
 def test_half_a_width_has_the_decimals_of_its_value() -> None:
     """Both ends of what it stands for have."""
     assert plus_minus(-51.634, 2.61) == "−51.6 ± 2.6"
+
+
+@pytest.mark.parametrize(
+    ("value", "written"), [(75.3, "75.3"), (74.98, "74.98"), (80.2, "80"), (75.0, "75"), (75.00001, "75.000")]
+)
+def test_a_figure_beside_its_limit_does_not_read_like_it(value: float, written: str) -> None:
+    """ "75 µs, more than the normal 75 µs" was said of a motor."""
+    assert beside(value, 75.0, 0) == written

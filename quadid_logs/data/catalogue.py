@@ -386,7 +386,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "An axis turned against its set-points",
                 "The vehicle turned one way while the rate controller commanded the other way, for longer "
                 "than a loop may be late and by more than 45 degrees. The motors could not give the torque "
-                "that this axis needs, or turned it the wrong way.",
+                "that this axis needs, turned it the wrong way, or gave it too slowly, as where the "
+                "integrator has to learn a lasting torque first.",
                 "Do not fly before you know why an axis turned against its set-points. For yaw, check that "
                 "no motor and no arm is twisted, and how each motor turns. For roll and pitch, check motors, "
                 "propellers and the load.",

@@ -13,7 +13,7 @@ from quadid_logs.data.catalogue import MOST_SATURATED
 from quadid_logs.data.health import Level, Motors, Quantity
 from quadid_logs.data.torque import TorqueModel
 from quadid_logs.health.records import averaged, in_flight
-from quadid_logs.numerals import number
+from quadid_logs.numerals import beside, number
 
 #: A published log analyzer warns where the highest motor's mean lies more than 75 us above the lowest one's,
 #: and fails above 150 us (source: docs/health.md).
@@ -99,8 +99,11 @@ def find_motors(
         )
     hardest, least = names[int(np.argmax(mean))], names[int(np.argmin(mean))]
     pulses = spread.unit == "us"
-    apart = f"{spread.value:.0f} µs" if pulses else f"{100.0 * spread.value:.1f} % of its range"
-    limit = f"{_WARN_US:g} µs" if pulses else f"{100.0 * _WARN_US / _RANGE_US:g} %"
+    percent = 100.0 * _WARN_US / _RANGE_US
+    if pulses:
+        apart, limit = f"{beside(spread.value, _WARN_US, 0)} µs", f"{_WARN_US:g} µs"
+    else:
+        apart, limit = f"{beside(100.0 * spread.value, percent, 1)} % of its range", f"{percent:g} %"
     judged = {
         "normal": f"which is normal (below {limit})",
         "high": f"more than the normal {limit}",

@@ -92,11 +92,14 @@ def find_tracking(
             sentence=f"{_sentence(axes, of)} {_fixed(float(worst.max()))}", axes=axes, judged=True
         )
     step_s = float(np.median(np.diff(time_s)))
-    off_s, largest = 0.0, 0.0
+    off_s, largest, at_s = 0.0, 0.0, np.nan
     for first, after in _unbroken(time_s, worst > _WARN_RAD, step_s):
         length_s = float(time_s[after - 1] - time_s[first]) + step_s
         if length_s >= _LASTS_S:
-            off_s, largest = off_s + length_s, max(largest, float(worst[first:after].max()))
+            off_s += length_s
+            place = first + int(np.argmax(worst[first:after]))
+            if worst[place] > largest:
+                largest, at_s = float(worst[place]), float(time_s[place])
     share = min(off_s / (step_s * time_s.size), 1.0)
     warn, fail, most = (float(np.degrees(one)) for one in (_WARN_RAD, _FAIL_RAD, largest))
     level: Level = "normal" if not off_s else "severe" if largest >= _FAIL_RAD else "high"
@@ -113,8 +116,8 @@ def find_tracking(
         )
         judged = (
             f"Roll or pitch misses its set-points by more than {warn:.0f} deg in {number(100.0 * share, 2)} "
-            f"% of the flight, by up to {most:.0f} deg: {limit}. Delays of up to {_LATE_S:.1f} s and misses "
-            f"shorter than {_LASTS_S:g} s do not count."
+            f"% of the flight, by up to {most:.0f} deg (at {at_s:.1f} s): {limit}. Delays of up to "
+            f"{_LATE_S:.1f} s and misses shorter than {_LASTS_S:g} s do not count."
         )
     off = Quantity(share, "1", normal=(0.0, 0.0))
     return Tracking(sentence=f"{_sentence(axes, of)} {judged}", axes=axes, level=level, off=off)
@@ -179,8 +182,8 @@ def _against(axis: str, time_s: FloatArray, values: FloatArray, undisturbed: Seq
             furthest = turned
             told = (
                 f"From {time_s[first]:.1f} s on, {axis} turned against its set-points for {length_s:.1f} s, "
-                f"at {np.degrees(turned / length_s):.0f} deg/s on average: the motors cannot give the torque "
-                "that it needs, or turn it the wrong way. That is never normal."
+                f"at {np.degrees(turned / length_s):.0f} deg/s on average: the motors could not give the "
+                "torque that it needs, turned it the wrong way, or gave it too slowly. That is never normal."
             )
     return told
 

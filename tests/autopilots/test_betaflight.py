@@ -276,6 +276,16 @@ def test_a_frame_that_mixes_otherwise_is_not_taken_for_a_quad_x() -> None:
     assert "a custom one" in found.remark
 
 
+def test_axes_that_are_never_commanded_are_named_where_the_frame_stays_unknown() -> None:
+    """Gains of zero on a test rig: "too few PID sums" was said of 38 000 rows of them."""
+    log = mixed(MIX)
+    sums = log.candidates("torque_command")[0]
+    alone = replace(sums, values=sums.values * [1.0, 0.0, 0.0])
+    found = find_airframe(replace(log, signals={**log.signals, "torque_command": (alone,)}))
+    assert isinstance(found, Unknown)
+    assert "never commanded pitch and yaw" in found.remark
+
+
 def test_a_mixer_that_takes_half_of_the_sums_at_low_throttle_is_that_of_its_frame() -> None:
     """Without airmode, at a throttle of next to nothing."""
     log = mixed(MIX)

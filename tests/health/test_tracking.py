@@ -330,6 +330,13 @@ def test_angles_that_stay_off_their_set_points_are_judged(by_deg: float, for_s: 
     assert found.off.value == pytest.approx(0.0 if level == "normal" else for_s / 60.0, rel=0.01)
 
 
+def test_the_time_of_the_largest_miss_is_told() -> None:
+    """From 30 to 31 s; of a vehicle that crashed, a report said by how much and not when."""
+    found = find_tracking(*angles_off(25.0, 1.0), {}, of="angles")
+    assert found is not None
+    assert "by up to 25 deg (at 30." in found.sentence
+
+
 def test_a_vehicle_that_follows_quick_sticks_late_follows() -> None:
     """A flown hover with quick sticks, 117 ms late at 5 to 18 degrees, was told not to follow at all."""
     t = grid(20.0)

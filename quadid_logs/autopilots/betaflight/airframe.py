@@ -16,6 +16,8 @@ from quadid_logs.actuation.airframe import Airframe, Unknown
 from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.betaflight.frames import FEW_MOTORS, FRAMES
 from quadid_logs.data.log import FlightLog
+from quadid_logs.sentences import listed
+from quadid_logs.vocabulary import AXES
 
 #: Slopes of flown logs on those of the mixer: without airmode it halves them at low throttle; thrust
 #: linearisation and rounding of whole numbers change less.
@@ -33,11 +35,15 @@ def find_airframe(log: FlightLog) -> Airframe | Unknown:
     Factors are fractions of the outputs' range per unit of command. Unknown, by its name, where torque does
     not follow from the thrusts.
     """
-    slopes = _slopes(log)
+    slopes, still = _slopes(log)
     motors = log.candidates("motor_thrust")
     n_motors = motors[0].values.shape[1] if motors else 0
     if n_motors in FEW_MOTORS:
         return _as_they_are(f"The log has the motors of {FEW_MOTORS[n_motors]}.")
+    if still:
+        return Unknown(
+            remark=f"The controller never commanded {listed(still)}, so the outputs do not tell the frame."
+        )
     if slopes is None:
         return Unknown(remark="The log holds too few PID sums and motor outputs to identify the frame.")
     if log.parameters.get("use_integrated_yaw", 0.0) > 0.0:
@@ -91,15 +97,20 @@ def _off(slopes: FloatArray, mixer: FloatArray) -> float:
     return float(np.max(np.abs(apart / scale[:, np.newaxis] - wanted)))
 
 
-def _slopes(log: FlightLog) -> FloatArray | None:
-    """Return the slopes (3, n_motors) of the outputs on the PID sums, with throttle and a constant beside."""
+def _slopes(log: FlightLog) -> tuple[FloatArray | None, list[str]]:
+    """Return the slopes (3, n_motors) of the outputs on the PID sums, with throttle and a constant beside.
+
+    None where the log does not tell them; beside it the axes whose sum never changes, as with gains of zero.
+    """
     logged = [log.candidates(name) for name in ("torque_command", "throttle", "motor_thrust")]
     if not all(logged):
-        return None
+        return None, []
     command, throttle, motors = (sources[0].values for sources in logged)
     rows = np.flatnonzero(((motors > 0.0) & (motors < 1.0)).all(axis=1))
     rows = rows[:: max(1, len(rows) // _MOST_ROWS)]
     regressors = np.column_stack([command[rows], throttle[rows], np.ones(len(rows))])
-    if len(rows) < _FEWEST_ROWS or np.linalg.matrix_rank(regressors) < regressors.shape[1]:
-        return None
-    return np.asarray(np.linalg.lstsq(regressors, motors[rows], rcond=None)[0][:3], dtype=np.float64)
+    if len(rows) < _FEWEST_ROWS:
+        return None, []
+    if np.linalg.matrix_rank(regressors) < regressors.shape[1]:
+        return None, [axis for axis, sums in zip(AXES, command.T, strict=True) if not np.ptp(sums)]
+    return np.asarray(np.linalg.lstsq(regressors, motors[rows], rcond=None)[0][:3], dtype=np.float64), []
