@@ -13,6 +13,10 @@ from quadid_logs.data.health import Quantity, Standstill
 
 #: At half the speed of the slowest other rotor, the same propeller gives a quarter of its thrust at most.
 _OF_THE_SLOWEST: Final = 0.5
+#: The others turn at a tenth of the quickest speed at least, which a few samples may exceed: rotors that run
+#: down after landing stop one before the other, and whatever was sent last is sent to none.
+_RUNNING: Final = 0.1
+_QUICKEST: Final = 0.99
 #: Judgement: longer than any ESC takes to start a motor, so that a slow start is no fault [s].
 _SHORTEST_S: Final = 1.0
 
@@ -38,13 +42,16 @@ def find_standstill(outputs: CleanSeries, speed: CleanSeries, names: Sequence[st
     if n_rotors < 3 or min(outputs.n_columns, speed.n_columns) < n_rotors:
         return None
     turns = speed.values[:, :n_rotors]
+    known = turns[np.isfinite(turns)]
+    running = _RUNNING * float(np.quantile(known, _QUICKEST)) if known.size else np.inf
     sent = np.column_stack([outputs.at(speed.time_s, rotor) for rotor in range(n_rotors)])
     longest: Standstill | None = None
     for rotor, name in enumerate(names):
         others = np.delete(np.arange(n_rotors), rotor)
         slowest = np.nan_to_num(turns[:, others].min(axis=1))
         asked = sent[:, rotor] > sent[:, others].mean(axis=1)
-        for first, last in runs(asked & (turns[:, rotor] < _OF_THE_SLOWEST * slowest)):
+        stands = (slowest > running) & (turns[:, rotor] < _OF_THE_SLOWEST * slowest)
+        for first, last in runs(asked & stands):
             length_s = float(speed.time_s[last - 1] - speed.time_s[first])
             if length_s < max(_SHORTEST_S, 0.0 if longest is None else longest.length.value):
                 continue

@@ -46,6 +46,21 @@ def test_a_motor_that_needs_half_a_second_to_start_does_not_stand_still() -> Non
     assert found(speed_rad_s=0.0, output=1.0, lasts_s=0.5) is None
 
 
+def test_rotors_that_run_down_after_landing_one_before_the_other_accuse_none() -> None:
+    """ "Motor 4 turned at only 0 rpm, the others at 20 rpm or more": of a vehicle that was disarmed."""
+    time_s = np.arange(1000) / RATE_HZ
+    outputs = np.full((1000, 4), 0.3)
+    outputs[:, 3] = 0.31
+    speeds = np.full((1000, 4), 900.0)
+    after = time_s >= STOPS_S
+    speeds[after] = 60.0 * np.exp(-(time_s[after] - STOPS_S))[:, np.newaxis]
+    speeds[after, 3] = 0.0
+    standstill = find_standstill(
+        series("motor_thrust", time_s, outputs), series("rotor_speed", time_s, speeds), NAMES
+    )
+    assert standstill is None
+
+
 def test_speeds_of_no_rotor_at_all_accuse_none() -> None:
     time_s = np.arange(1000) / RATE_HZ
     outputs = np.full((1000, 4), 0.3)
