@@ -39,6 +39,7 @@ from study.draw import Manoeuvre
 from study.tuning import (
     analyzed,
     changed,
+    draw_betaflight,
     draw_vehicle,
     figures,
     flyable,
@@ -46,6 +47,7 @@ from study.tuning import (
     resting_truth,
     run_study,
     setup_of,
+    with_change,
 )
 
 #: Strength of the gusts [rad/s^2]: calm, light wind, and nearly what a flown indoor quadrotor leaves.
@@ -134,11 +136,13 @@ class Judge(NamedTuple):
         """Return the attitude's bandwidth [Hz] and the peak of what it makes of disturbances [dB] (ADS-33E).
 
         Up to the bandwidth the attitude follows its set-point with 45 degrees to spare, and with 3 dB less.
-        The third is the most that the rate or the attitude answers its set-point with [dB].
+        The third is the most that the rate or the attitude answers its set-point with [dB]. Without an angle
+        loop the attitude is the pilot's.
         """
         frequency_hz = np.geomspace(*_ATTITUDE_HZ, _N_GUSTS)
         loop = close(controller, self.plant, frequency_hz)
-        assert loop.full is not None
+        if loop.full is None:
+            return np.inf, 0.0, 20.0 * math.log10(float(np.abs(loop.target_to_rate[0]).max()))
         follows = ((loop.full - loop.rate) / (1.0 + loop.full))[0]
         late = (np.degrees(np.unwrap(np.angle(follows))) < -135.0) | (np.abs(follows) < np.sqrt(0.5))
         bandwidth_hz = float(frequency_hz[np.argmax(late)]) if late.any() else float(_ATTITUDE_HZ[1])
@@ -161,7 +165,8 @@ class Judge(NamedTuple):
         missing += max(1.0 - self.spare(controller), 0.0)
         missing += max(self.noise(controller) / most_noise - 1.0, 0.0)
         bandwidth_hz, peak_db, resonance_db = self.attitude(controller)
-        missing += max(1.0 - bandwidth_hz / self.least_hz, 0.0) + max(peak_db / _MOST_PEAK_DB - 1.0, 0.0)
+        slower = 1.0 - bandwidth_hz / self.least_hz if self.least_hz else 0.0
+        missing += max(slower, 0.0) + max(peak_db / _MOST_PEAK_DB - 1.0, 0.0)
         return missing + max(resonance_db / _MOST_RESONANCE_DB - 1.0, 0.0)
 
     def cost(self, factors: FloatArray, most_noise: float) -> float:
@@ -188,8 +193,9 @@ def best_factors(judge: Judge, most_noise: float, flown: FloatArray | None = Non
     """
     from scipy.optimize import differential_evolution
 
-    # A gain of none stays none.
-    varied = np.flatnonzero(_gains_of(judge.setup)[:, judge.axis] > 0.0)
+    # A gain of none stays none, and the angle gain where roll and pitch share it.
+    whole = judge.setup.autopilot == "betaflight"
+    varied = np.flatnonzero(_gains_of(judge.setup)[: 3 if whole else 4, judge.axis] > 0.0)
 
     def cost(logs: FloatArray) -> float:
         factors = np.ones(4)
@@ -287,7 +293,7 @@ def measure_road(seed: int, number: int) -> dict[str, Any]:
         scenario = dataclasses.replace(
             scenario, manoeuvre=partial(_flown, manoeuvre=manoeuvre, strength=strength.copy())
         )
-        factors = factors * np.where(may, changed(every, result), 1.0)
+        factors = with_change(scenario, autopilot, factors, np.where(may, changed(every, result), 1.0))
         n_changes += [axis in tuning.axes and bool(tuning.axes[axis].changes) for axis in AXES]
     best = [_best(one, noise, (seed, vehicle), flights) for one, noise in zip(judges, most, strict=True)]
     for flight in flights:
@@ -300,7 +306,9 @@ def draw_in_gusts(
     seed: int, vehicle: int, gusts_rad_s2: float
 ) -> tuple[Scenario, str, dict[str, Any], FloatArray]:
     """Draw a vehicle in such air: scenario, autopilot, what was drawn, and factors on its gains."""
-    drawn, autopilot, settings = draw_vehicle(seed, vehicle)
+    # Every third has Betaflight.
+    draw = draw_betaflight if vehicle % 3 == 2 else draw_vehicle
+    drawn, autopilot, settings = draw(seed, vehicle)
     disturbance = (gusts_rad_s2, gusts_rad_s2, 0.5 * gusts_rad_s2)
     effects = dataclasses.replace(drawn.effects, disturbance_rad_s2=disturbance)
     scenario = dataclasses.replace(drawn, wind=Wind(), effects=effects)
@@ -311,9 +319,14 @@ def draw_in_gusts(
 def _flown(
     time_s: FloatArray, rng: np.random.Generator, *, manoeuvre: Manoeuvre, strength: FloatArray
 ) -> manoeuvres.Reference:
-    """Fly a manoeuvre with so many times its rates about each axis, shape (3,)."""
+    """Fly a manoeuvre with so many times its rates or angles about each axis, shape (3,)."""
     reference = manoeuvre(time_s, rng)
-    return dataclasses.replace(reference, rate_rad_s=strength * reference.rate_rad_s)
+    return dataclasses.replace(
+        reference,
+        rate_rad_s=strength * reference.rate_rad_s,
+        tilt_rad=strength[:2] * reference.tilt_rad,
+        yaw_rate_rad_s=strength[2] * reference.yaw_rate_rad_s,
+    )
 
 
 def _is_weak(result: Result, tuning: Tuning, axis: str) -> bool:
@@ -330,8 +343,13 @@ def _is_weak(result: Result, tuning: Tuning, axis: str) -> bool:
 
 
 def _wider(manoeuvre: Any, result: Result) -> Any:
-    """Return sums of sines that reach twice the crossover that is told, about as strong as what was flown."""
+    """Return sums of sines that reach twice the crossover that is told, about as strong as what was flown.
+
+    Sticks move as fast as a pilot's already.
+    """
     assert isinstance(manoeuvre, partial)
+    if manoeuvre.func is manoeuvres.sticks:
+        return manoeuvre
     told = manoeuvre.keywords
     rms = told.get("rms_rad_s") or tuple(part * told["amplitude_rad_s"] for part in _RMS)
     highest_hz = []
@@ -360,7 +378,8 @@ def judge_of(setup: Setup, parameters: Mapping[str, float], axis: int) -> Judge:
     ranges = np.array([*(common * most(name) for name in own), most(names.angle)])
     judge = Judge(setup, true_plant(setup, resting_truth(setup), axis), axis, flown, flown * ranges, np.nan)
     # Gusts alone would have the attitude follow its pilot slowly: not slower than with gains that suit it.
-    return judge._replace(least_hz=judge.attitude(judge.controller(np.ones(4)))[0])
+    # An angle gain that roll and pitch share sets that by itself.
+    return judge._replace(least_hz=judge.attitude(judge.controller(np.ones(4)))[0] if names.angle else 0.0)
 
 
 def _best(

@@ -12,6 +12,7 @@ import dataclasses
 import json
 import multiprocessing
 import sys
+import tempfile
 import traceback
 from collections.abc import Callable
 from functools import partial
@@ -29,22 +30,26 @@ from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
 from quadid_logs.data.tuning import AxisTuning, GainNames, Tuning
 from quadid_logs.health import health_of
-from quadid_logs.load import prepare
+from quadid_logs.load import prepare, read_log
 from quadid_logs.pipeline import judge
 from quadid_logs.simulator import Scenario, fly, manoeuvres, plan_flights
-from quadid_logs.simulator.closed_loop import Noise, Record, Setup
+from quadid_logs.simulator.closed_loop import Noise, Record, Setup, final_gains
 from quadid_logs.simulator.closed_loop import Tuning as Gains
 from quadid_logs.simulator.logger import log_flights
 from quadid_logs.simulator.true_loop import true_controller, true_plant
 from quadid_logs.simulator.truth import flight_truth
 from quadid_logs.simulator.wind import Wind
 from quadid_logs.tuning import recommend
+from quadid_logs.writers import write_log
 from study.draw import draw_flight
 from study.structural import log_uniform
 
 #: A loop of this rate, logged at every step [Hz]; flights are as short as a pilot's patience.
 _RATE_HZ: Final = 280.0
 _DURATION_S: Final = 24.0
+#: A Betaflight's loop is faster, and so are its filters: of D, and the least of the gyro's.
+_BETAFLIGHT_HZ: Final = 500.0
+_BETAFLIGHT_FILTERS_HZ: Final = (80.0, 60.0)
 #: From the lowest gains to the highest targets it takes nine steps of a factor of 1.3.
 _MOST_FLIGHTS: Final = 12
 #: A PX4 loop that may run faster than it does by this factor waits for its gyro.
@@ -101,6 +106,29 @@ def draw_vehicle(seed: int, number: int) -> tuple[Scenario, str, dict[str, Any]]
     return scenario, drawn.autopilot, settings
 
 
+def draw_betaflight(seed: int, number: int) -> tuple[Scenario, str, dict[str, Any]]:
+    """Draw a quadrotor X with Betaflight, flown by its sticks in angle mode; as `draw_vehicle`."""
+    while True:
+        scenario, _, settings = draw_vehicle(seed, number)
+        if settings["frame"] == "quad x":
+            break
+        number += 1000
+    rng = np.random.default_rng([seed, number, *b"betaflight"])
+    gyro_hz = max(settings["gyro_filter_hz"], _BETAFLIGHT_FILTERS_HZ[1])
+    scenario = dataclasses.replace(
+        scenario,
+        manoeuvre=partial(
+            manoeuvres.sticks,
+            tilt_rad=log_uniform(rng, 0.2, 0.4),
+            yaw_rate_rad_s=log_uniform(rng, 0.5, 1.0),
+        ),
+        gyro_filter_hz=gyro_hz,
+        logging=dataclasses.replace(scenario.logging, rate_hz=_BETAFLIGHT_HZ),
+    )
+    changed = {"autopilot": "betaflight", "manoeuvre": "sticks", "gyro_filter_hz": gyro_hz}
+    return scenario, "betaflight", settings | changed
+
+
 def measure_tuning(seed: int, number: int) -> dict[str, Any]:
     """Fly and tune one vehicle until nothing changes.
 
@@ -136,6 +164,21 @@ def changed(tuning: Tuning, result: Result) -> FloatArray:
     return np.column_stack([_ratios(found, tunable.axes[axis]) for axis, found in tuning.axes.items()])
 
 
+def with_change(scenario: Scenario, autopilot: str, factors: FloatArray, ratios: FloatArray) -> FloatArray:
+    """Return factors, shape (4, 3), with which whole gains are those that are recommended."""
+
+    def gains(factors: FloatArray) -> FloatArray:
+        found = final_gains(setup_of(scenario, autopilot, factors, 0))
+        return np.array([found.proportional, found.integral, found.derivative, found.attitude])
+
+    wanted, changed = ratios * gains(factors), factors * ratios
+    # Gains that flew were rounded, too.
+    for _ in range(3 * (autopilot == "betaflight")):
+        flown = gains(changed)
+        changed = changed * np.divide(wanted, flown, out=np.ones_like(flown), where=flown > 0.0)
+    return changed
+
+
 def _ratios(found: AxisTuning, names: GainNames) -> FloatArray:
     ratios = {name: one.next / one.now for name, one in found.changes.items() if one.now}
     own = (names.proportional, names.integral, names.derivative)
@@ -168,8 +211,11 @@ def of_each_gain(factors: tuple[float, ...]) -> FloatArray:
 def setup_of(scenario: Scenario, autopilot: str, factors: FloatArray, seed: int) -> Setup:
     """Return a flight with factors on P, I, D and the angle gain of each axis, shape (4, 3)."""
     single = tuple((roll, pitch, yaw) for roll, pitch, yaw in factors.tolist())
-    tuned = dataclasses.replace(scenario, tuning=Gains(single_gain=single))
-    (setup,) = plan_flights(tuned, seed=seed, duration_s=_DURATION_S, rate_hz=_RATE_HZ, autopilot=autopilot)
+    gains, rate_hz = Gains(single_gain=single), _RATE_HZ
+    if autopilot == "betaflight":
+        gains, rate_hz = dataclasses.replace(gains, derivative_hz=_BETAFLIGHT_FILTERS_HZ[0]), _BETAFLIGHT_HZ
+    tuned = dataclasses.replace(scenario, tuning=gains)
+    (setup,) = plan_flights(tuned, seed=seed, duration_s=_DURATION_S, rate_hz=rate_hz, autopilot=autopilot)
     return setup
 
 
@@ -179,6 +225,12 @@ def analyzed(record: Record, scenario: Scenario, *, with_health: bool = False) -
     if setup.autopilot == "px4":
         # The simulator reads its gyro once in a loop, and so do loops that wait for it.
         log = dataclasses.replace(log, parameters=log.parameters | waits_for_gyro(setup.loop_hz))
+    elif setup.autopilot == "betaflight":
+        # Whole numbers, and gains by their names: as a reader has them of a file.
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "flight.bbl"
+            write_log(log, path)
+            log = read_log(path)
     prepared, settings = prepare(log), Settings()
     data = cut(prepared, settings.align)
     health = health_of(prepared, data) if with_health else None
@@ -196,10 +248,9 @@ def waits_for_gyro(loop_hz: float) -> dict[str, float]:
 
 def resting_truth(setup: Setup) -> dict[str, Any]:
     """Tell the vehicle before it has flown: at hover, with a full battery."""
-    from quadid_logs.simulator.closed_loop import torque_gain
-    from quadid_logs.simulator.truth import actuator_truth, model_truth
+    from quadid_logs.simulator.truth import actuator_truth, model_truth, torque_at_hover
 
-    model = model_truth(setup.airframe, torque_gain(setup.airframe, setup.autopilot))
+    model = model_truth(setup.airframe, torque_at_hover(setup))
     return {"models": model, "actuator": actuator_truth(setup)}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from struct import Struct
@@ -51,12 +52,15 @@ from quadid_logs.simulator.manoeuvres import Reference
 from quadid_logs.simulator.outputs import OutputCurve, output_curve
 from quadid_logs.simulator.plant import Body, State, advance, at_rest
 from quadid_logs.simulator.position_hold import DIRECTIONS, Navigator, PositionHold
+from quadid_logs.simulator.whole_gains import WholeGains
 from quadid_logs.simulator.wind import Wind, dryden_wind
 from quadid_logs.vocabulary import GRAVITY_M_S2
 
 SPIN_MIN: Final = 0.15
 SPIN_MAX: Final = 0.95
 BATTERY_PERIOD_S: Final = 0.1
+#: Without a controller of the heading a pilot looks after it [1/s].
+_PILOT_HOLDS_1_S: Final = 1.0
 #: The expo of a straight line, large enough to divide by.
 _LINEAR: Final = 1e-6
 
@@ -315,7 +319,8 @@ def _periods(setup: Setup) -> Iterator[tuple[float, ...]]:
     still = (0.0,) * frame.n_rotors
     idle = Decision(ZERO, ZERO, 0.0, 0.0, ZERO, still, still, still)
     state = at_rest(frame.n_rotors)
-    rates, previous = reset_rates(idle.command, idle.command), None
+    rates = reset_rates(idle.command, idle.command)
+    n_late, logs_used, given = setpoint_loops(setup), setup.autopilot == "betaflight", deque[Triple]()
     height_integral, decision = 0.0, idle
     change = round(change_s(setup) * setup.loop_hz)
     queue = [idle.targets] * setup.delay_steps
@@ -338,18 +343,14 @@ def _periods(setup: Setup) -> Iterator[tuple[float, ...]]:
             height_integral = higher(lower(height_integral + 0.5 * body.step_s * lift, 2.0), -2.0)
             gains = controller.gains if k < change else controller.later_gains
             setpoint = rate_setpoint(state.attitude, plan.attitude, plan.feedforward, gains)
-            if previous is None:
+            if not given:
                 rates = reset_rates(setpoint, filtered)
-            # The attitude controller runs behind the rate controller, which has its set-point a loop later.
+                given.extend([setpoint] * n_late)
+            used = given.popleft()
+            given.append(setpoint)
             command, rates = torque_command(
-                controller.law,
-                previous or setpoint,
-                filtered,
-                rates,
-                gains,
-                limited=decision.limited,
+                controller.law, used, filtered, rates, gains, limited=decision.limited
             )
-            previous = setpoint
             throttle = altitude_throttle(
                 lift,
                 plan.climb + state.velocity[2],
@@ -362,13 +363,15 @@ def _periods(setup: Setup) -> Iterator[tuple[float, ...]]:
                 command[1] + plan.injected[1],
                 command[2] + plan.injected[2],
             )
-            decision = _decide(setpoint, command, throttle, controller, battery)
+            told = used if logs_used else setpoint
+            decision = _decide(told, command, throttle, controller, battery)
             if controller.actuation.present:
                 decision = _mistaken(decision, controller, battery, k / setup.loop_hz)
             if faults.present:
                 decision = decision._replace(targets=faults.speeds(decision.targets, k / setup.loop_hz))
         else:
-            rates, previous = reset_rates(idle.command, idle.command), None
+            rates = reset_rates(idle.command, idle.command)
+            given.clear()
             height_integral, decision = 0.0, idle
         yield (*_row(state, decision, rates, raw, filtered, battery), *navigated)
         queue.append(decision.targets)
@@ -604,7 +607,7 @@ def controller_gains(setup: Setup) -> Gains:
     lead_s = np.array([0.6, 0.6, 0.0]) * lag
     tuning = setup.tuning
     of_p, of_i, of_d, of_angle = np.array(tuning.single_gain)
-    return Gains(
+    gains = Gains(
         attitude=vector(of_angle * np.minimum(0.25 * crossover, (6.0, 6.0, 2.5))),
         proportional=vector(of_p * proportional),
         integral=vector(of_i * 0.25 * crossover * proportional),
@@ -616,14 +619,34 @@ def controller_gains(setup: Setup) -> Gains:
         error_weight=_weight(tuning.error_hz, setup.loop_hz),
         slew_limit=tuning.slew_limit,
         step_s=1.0 / setup.loop_hz,
-    ).scaled(tuning.gain)
+    )
+    return _as_set(setup, gains.scaled(tuning.gain))
+
+
+def _as_set(setup: Setup, gains: Gains) -> Gains:
+    """Return the gains that come nearest of those that the firmware can be set to."""
+    if setup.autopilot != "betaflight":
+        return gains
+    roll, pitch, yaw = gains.attitude
+    gains = gains._replace(attitude=(roll, pitch, lower(yaw, _PILOT_HOLDS_1_S)))
+    return WholeGains.near(gains).put_into(gains)
 
 
 def final_gains(setup: Setup) -> Gains:
     """Return the gains at the end of the flight."""
     later, first = setup.tuning.later_gain, setup.tuning.gain
     gains = controller_gains(setup)
-    return gains if later is None else gains.scaled(later / first)
+    return gains if later is None else _as_set(setup, gains.scaled(later / first))
+
+
+def setpoint_loops(setup: Setup) -> int:
+    """Return how many loops a rate set-point is old when the rate controller takes it.
+
+    ArduPilot's and PX4's attitude controllers run behind the rate controller. Betaflight's runs before it, on
+    angles that are 5 ms old in the mean (``TASK_ATTITUDE`` at 100 Hz) and pass three poles of 98 Hz
+    (``pid.c``, ATTITUDE_CUTOFF_HZ).
+    """
+    return max(round(0.0099 * setup.loop_hz), 1) if setup.autopilot == "betaflight" else 1
 
 
 def before_change(setup: Setup) -> Tuning:

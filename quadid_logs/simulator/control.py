@@ -291,9 +291,38 @@ def px4_rate_law(
     )
 
 
+def betaflight_rate_law(
+    setpoint: float, rate: float, before: RateTerms, gains: Gains, axis: int, limited: float
+) -> RateTerms:
+    """Run pidController (pid.c): D on the filtered rate; the integral stands still at the mixer's limits.
+
+    As with iterm relax, anti-gravity, throttle attenuation and feed-forward off.
+    """
+    error = setpoint - rate
+    slope = before.slope + gains.derivative_weight[axis] * (
+        (rate - before.rate) / gains.step_s - before.slope
+    )
+    step = gains.integral[axis] * error * gains.step_s * (1.0 - limited)
+    integral, bound = before.integral + step, gains.integral_limit
+    return RateTerms(
+        gains.proportional[axis] * error,
+        higher(lower(integral, bound), -bound),
+        -gains.derivative[axis] * slope,
+        slope,
+        before.scale,
+        setpoint,
+        error,
+        rate,
+        before.learned,
+    )
+
+
+_LAWS: Final[dict[str, RateLaw]] = {"ardupilot": ardupilot_rate_law, "betaflight": betaflight_rate_law}
+
+
 def rate_law(autopilot: str) -> RateLaw:
-    """Return the rate controller of an autopilot."""
-    return ardupilot_rate_law if autopilot == "ardupilot" else px4_rate_law
+    """Return the rate controller of an autopilot; PX4's of one whose own is not simulated."""
+    return _LAWS.get(autopilot, px4_rate_law)
 
 
 def altitude_throttle(

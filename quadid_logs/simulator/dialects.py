@@ -20,6 +20,8 @@ _TENTHS: Final = {"vbatcellvoltage[0]": 33.0, "vbatcellvoltage[1]": 35.0, "vbatc
 _COUNTED: Final = {"vbatscale": 110.0, "vbatref": 1895.0}
 #: Settings that came later.
 _LATER: Final = ("blackbox_high_resolution", "thrust_linear", "vbat_sag_compensation", "dshot_bidir")
+#: Lists of gains, which other firmware counts in other units.
+_GAINS: Final = ("rollPID", "pitchPID", "yawPID")
 #: Outputs of INAV are microseconds with every protocol.
 _PULSES: Final = {"motorOutput[0]": 1000.0, "motorOutput[1]": 2000.0}
 FIRMWARE: Final = {
@@ -42,7 +44,7 @@ def in_dialect(log: FlightLog, dialect: str) -> FlightLog:
     Returns
     -------
     FlightLog
-        Without signals that the firmware does not log, and without flight modes.
+        Without signals that the firmware does not log, without flight modes, gains and terms.
 
     Raises
     ------
@@ -50,7 +52,8 @@ def in_dialect(log: FlightLog, dialect: str) -> FlightLog:
         If it is none of them.
     """
     autopilot, firmware = FIRMWARE[dialect]
-    settings = {name: value for name, value in log.parameters.items() if name not in _LATER}
+    left = {name: value for name, value in log.parameters.items() if name not in _LATER}
+    settings = {name: value for name, value in left.items() if not name.startswith(_GAINS)}
     if dialect == "inav":
         settings |= _PULSES | {f"rates[{axis}]": 60.0 for axis in range(3)}
     else:
@@ -62,5 +65,11 @@ def in_dialect(log: FlightLog, dialect: str) -> FlightLog:
         if name not in gone
     }
     return replace(
-        log, autopilot=autopilot, firmware=firmware, parameters=settings, signals=signals, modes=()
+        log,
+        autopilot=autopilot,
+        firmware=firmware,
+        parameters=settings,
+        signals=signals,
+        controller_terms=(),
+        modes=(),
     )

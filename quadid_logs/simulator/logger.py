@@ -59,6 +59,9 @@ _OUTPUTS: Final = ("torque_command", "throttle", "motor_thrust", "output_pwm", "
 #: The recorded channels of logged terms; PX4 logs the angular acceleration that its D acts on.
 _ARDUPILOT_TERMS: Final = {"P": "proportional", "I": "integral", "D": "derivative", "scale": "scale"}
 _PX4_TERMS: Final = {"derivative": "slope"}
+_BETAFLIGHT_TERMS: Final = {"P": "proportional", "I": "integral", "D": "derivative"}
+_TERMS: Final = {"ardupilot": _ARDUPILOT_TERMS, "px4": _PX4_TERMS, "betaflight": _BETAFLIGHT_TERMS}
+_CARRIERS: Final = {"ardupilot": "RATE", "px4": "vehicle_angular_velocity", "betaflight": "main"}
 #: Channels of Betaflight's outputs, a fraction of those from idle to full, and of the rotors' speeds.
 _PER_MOTOR: Final = {"motor_thrust": "actuator", "rotor_speed": "rotor_speed"}
 #: What `Effects.outlier_fraction` strikes.
@@ -454,16 +457,20 @@ def _controller_terms(
 ) -> tuple[ControllerTerms, ...]:
     """Terms of the rate controllers in the rows of the message that holds the rates."""
     setup = records[0].setup
-    is_px4 = setup.autopilot == "px4"
-    carrier = "vehicle_angular_velocity" if is_px4 else "RATE"
+    autopilot = setup.autopilot
     pairs = zip(messages, positions, strict=True)
-    rows, position = next((rows, place) for rows, place in pairs if rows.stream.message == carrier)
+    rows, position = next(
+        (rows, place) for rows, place in pairs if rows.stream.message == _CARRIERS[autopilot]
+    )
     index = np.round(rows.true_s * setup.loop_hz).astype(np.int64)
     found: dict[str, FloatArray] = {}
-    for term, channel in (_PX4_TERMS if is_px4 else _ARDUPILOT_TERMS).items():
+    for term, channel in _TERMS[autopilot].items():
         values = np.concatenate([one.channels[channel] for one in records])[index]
         found[term] = values.astype(np.float32).astype(np.float64)
-    if not is_px4:
+    if autopilot == "betaflight":
+        # What the command has beside the PID's terms, as torque that is injected.
+        found["FF"] = rows.values["torque_command"] - sum(found.values())
+    elif autopilot == "ardupilot":
         # The mixer's limits are those of the loop before.
         limited = np.concatenate([one.channels["limited"] for one in records])
         found["limited"] = np.repeat(limited[np.maximum(index - 1, 0)], 3, axis=1)

@@ -10,7 +10,7 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.discrete import butterworth, derivative, first_order, gain, integrator, unit
 from quadid_logs.data.closed_loop import Modes, Plant
 from quadid_logs.data.controller import AxisController, DiscreteFilter
-from quadid_logs.simulator.closed_loop import Setup, final_gains, torque_gain
+from quadid_logs.simulator.closed_loop import Setup, final_gains, setpoint_loops, torque_gain
 from quadid_logs.simulator.effects import high_pass
 from quadid_logs.vocabulary import AXES
 
@@ -31,8 +31,8 @@ def true_controller(setup: Setup, axis: int, rotors_hz: float | None = None) -> 
     gains, tuning, period_s = final_gains(setup), setup.tuning, 1.0 / setup.loop_hz
     P, I, D = (float(each[axis]) for each in (gains.proportional, gains.integral, gains.derivative))  # noqa: E741
     slope = (derivative(period_s) * first_order(tuning.of_derivative_hz(axis), period_s)).scaled(D)
-    ardupilot = setup.autopilot == "ardupilot"
-    error = gain(P, period_s) + integrator(period_s, late=not ardupilot).scaled(I)
+    ardupilot, betaflight = (setup.autopilot == name for name in ("ardupilot", "betaflight"))
+    error = gain(P, period_s) + integrator(period_s, late=not (ardupilot or betaflight)).scaled(I)
     return AxisController(
         period_s=period_s,
         error=(error + slope) * first_order(tuning.error_hz, period_s) if ardupilot else error,
@@ -43,7 +43,9 @@ def true_controller(setup: Setup, axis: int, rotors_hz: float | None = None) -> 
             *(() if rotors_hz is None else _notches(setup, rotors_hz)),
             butterworth(setup.gyro_filter_hz, period_s),
         ),
-        angle_gain_per_s=float(gains.attitude[axis]),
+        # Betaflight holds no heading: its pilot does.
+        angle_gain_per_s=None if betaflight and axis == AXES.index("yaw") else float(gains.attitude[axis]),
+        angle_delay_steps=setpoint_loops(setup),
     )
 
 

@@ -154,8 +154,17 @@ def torque_per_command(record: Record) -> FloatArray:
     The chain mixer, thrust curve, battery is linearised at the mean thrust
     fraction and the mean voltages; lag and mixer limits are not part of it.
     """
-    setup = record.setup
-    airframe, means = setup.airframe, _means(record, _manoeuvre(record))
+    return _torque_at(record.setup, _means(record, _manoeuvre(record)))
+
+
+def torque_at_hover(setup: Setup) -> FloatArray:
+    """Return N m per unit torque command at hover with a full battery, shape (3, 3)."""
+    full = {"thrust_fraction": setup.hover_throttle, "battery_ratio": 1.0, "battery_ratio_filtered": 1.0}
+    return _torque_at(setup, full)
+
+
+def _torque_at(setup: Setup, means: dict[str, float]) -> FloatArray:
+    airframe = setup.airframe
     factors = mixer_factors(airframe, setup.autopilot)[:, :3]
     slope = _thrust_slope(setup, means)
     remaining = airframe.rotor_thrust_n / airframe.max_thrust_n

@@ -13,6 +13,8 @@ from quadid_logs.simulator.closed_loop import SPIN_MAX, SPIN_MIN, Setup, control
 from quadid_logs.simulator.control import TrackingNotch
 from quadid_logs.simulator.outputs import CELL_WARNING_V
 from quadid_logs.simulator.position_hold import PositionHold
+from quadid_logs.simulator.whole_gains import WholeGains
+from quadid_logs.vocabulary import AXES
 
 _PWM_MIN: Final = 1000.0
 _PWM_MAX: Final = 2000.0
@@ -134,8 +136,7 @@ PX4: Final = Vendor(
 )
 
 
-#: A unit of `levelPID` [1/s], and the angle of a full stick [deg] (``pid.c``).
-_LEVEL_UNIT_1_S: Final = 0.1
+#: The angle of a full stick [deg] (``pid.c``).
 ANGLE_LIMIT_DEG: Final = 60.0
 BETAFLIGHT: Final = Vendor(
     name="betaflight",
@@ -165,7 +166,6 @@ BETAFLIGHT: Final = Vendor(
     sysid_mode="Acro",
     landing_mode="Acro",
     angle_mode="Angle",
-    terms=False,
 )
 
 
@@ -446,13 +446,25 @@ def _px4(setup: Setup, rate_hz: float) -> dict[str, float]:
 def _betaflight(setup: Setup) -> dict[str, float]:
     """Betaflight: the settings that the header of a Blackbox log holds; digital outputs without idle.
 
-    Gains of the rates are not among them: what flies here is not its law, and only the sum of the terms is
-    written.
+    What bends the law of its rate loop is off: iterm relax, anti-gravity, throttle attenuation, D-max,
+    feed-forward.
     """
-    angle_gain_1_s = float(np.ravel(controller_gains(setup).attitude[0])[0])
-    return {
-        "levelPID[0]": round(angle_gain_1_s / _LEVEL_UNIT_1_S),
+    whole = WholeGains.near(controller_gains(setup))
+    gains = {
+        f"{axis}PID[{place}]": float(whole.rates[place, number])
+        for number, axis in enumerate(AXES)
+        for place in range(3)
+    }
+    return gains | {
+        "levelPID[0]": float(whole.angle[0]),
         "levelPID[1]": 50,
+        "dterm_lpf1_type": 0,
+        "dterm_lpf1_static_hz": setup.tuning.derivative_hz,
+        "simplified_pids_mode": 0,
+        "iterm_relax": 0,
+        "iterm_windup": 85,
+        "anti_gravity_gain": 0,
+        "tpa_rate": 0,
         "angle_limit": ANGLE_LIMIT_DEG,
         "looptime": 1e6 / setup.loop_hz,
         "pid_process_denom": 1,

@@ -19,7 +19,7 @@ from quadid_logs.autopilots.betaflight.sticks import STICK_END, sticks_of
 from quadid_logs.data.log import FlightLog, Signal
 from quadid_logs.errors import OutputError
 from quadid_logs.maths.rotations import quaternion_from_euler
-from quadid_logs.vocabulary import GRAVITY_M_S2
+from quadid_logs.vocabulary import AXES, GRAVITY_M_S2
 from quadid_logs.writers.log_series import microseconds
 
 #: Frames from one complete frame to the next: what a fault costs at most.
@@ -43,6 +43,11 @@ _PER_STICK: Final = (75.0 + 27.0) / 16.0 / 4.1
 _STICK: Final = np.arange(-500.0, 500.5, 0.5)
 #: Thousandths per degree per second that P is made of, where it has to tell what sticks ask for.
 _GAIN: Final = 1.4
+
+
+#: Terms that add up to the command, and the letter of one that the log calls otherwise.
+_TERMS: Final = ("P", "I", "D", "FF")
+_FIELD_OF: Final = {"FF": "F"}
 
 
 class _Spelling(NamedTuple):
@@ -76,6 +81,7 @@ def write_blackbox(log: FlightLog, file: BinaryIO) -> None:
     spelling = _spelling(log)
     for signal in main:
         columns |= _columns(signal, log, spelling, first=signal is rates[0])
+    columns |= _terms(log, rates[0])
     if spelling.gyro != 1.0:
         # P as the law makes it of sticks and gyro, and the rest of the sum as I.
         found: dict[str, FloatArray] = {}
@@ -171,6 +177,18 @@ def _columns(signal: Signal, log: FlightLog, spelling: _Spelling, *, first: bool
     if signal.name == "rotor_speed":
         return _named("eRPM", values * _RPM * settings.get("motor_poles", 14.0) / 2.0 / 100.0)
     return {spelling.voltage: values[:, 0] * spelling.per_volt} if signal.name == "battery_voltage" else {}
+
+
+def _terms(log: FlightLog, rates: Signal) -> dict[str, FloatArray]:
+    """Return the fields of the PID's terms, which add up to the torque command; none without terms."""
+    return {
+        f"axis{_FIELD_OF.get(term, term)}[{number}]": TO_FRD[number] * values * 1000.0
+        for terms in log.controller_terms
+        if np.array_equal(terms.rows.position, rates.position)
+        for number in (AXES.index(terms.axis),)
+        for term, values in terms.values.items()
+        if term in _TERMS
+    }
 
 
 def _named(field: str, values: FloatArray) -> dict[str, FloatArray]:

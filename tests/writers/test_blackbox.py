@@ -24,7 +24,7 @@ HALF_STEP = {
     "body_rate": 0.05 * DEGREE,
     "body_rate_setpoint": 0.05 * DEGREE,
     "attitude": 1e-4,
-    "torque_command": 0.5e-3,
+    "torque_command": 1.5e-3,
     "throttle": 0.5e-3,
     "motor_thrust": 0.5 / 1999.0,
     "rotor_speed": 50.0 / 7.0 * math.pi / 30.0,
