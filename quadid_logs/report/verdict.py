@@ -8,6 +8,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.report.calibration_parts import calibration_half_width, flight_interval
 from quadid_logs.report.numbers import estimate, number, seconds
 from quadid_logs.report.words import pretty_unit
+from quadid_logs.sentences import listed
 from quadid_logs.vocabulary import AXES, ON_AXIS, vehicle_words
 
 _HEADLINES = {
@@ -19,12 +20,16 @@ _HEADLINES = {
 
 def headline(result: Result) -> str:
     """Return the verdict over all axes in one sentence."""
-    refused = refused_names(result)
+    refused, found = refused_names(result), result.diagnosis.axes
     others = [axis for axis in AXES if axis not in refused]
-    if refused and others:
-        first, second = " and ".join(others), " and ".join(refused)
-        return f"{first.capitalize()} can be used; {second} must not be trusted."
-    return _HEADLINES[overall(result)]
+    if not (refused and others):
+        return _HEADLINES[overall(result)]
+    careful = [axis for axis in others if axis in found and found[axis].verdict == "caution"]
+    good = [axis for axis in others if axis not in careful]
+    told = f"{listed(good or careful)} can be used" + ("" if good else " with caution")
+    if good and careful:
+        told += f", {listed(careful)} with caution"
+    return f"{told[0].upper()}{told[1:]}; {listed(refused)} must not be trusted."
 
 
 def overall(result: Result) -> str:
