@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quadid_logs.align.held import is_held
+from quadid_logs.align.held import is_held, stayed_on_the_ground
 from quadid_logs.align.series import CleanSeries, Interval
 from quadid_logs.arrays import BoolArray, FloatArray, runs
 from quadid_logs.vocabulary import GRAVITY_M_S2
@@ -34,6 +34,7 @@ _LIFTING, _LIFT_S = 0.5, 0.5
 _STILL_DEG_S, _STILL_S = 0.3, 0.2
 _TOO_SHORT = "the vehicle was never in the air for two seconds without a break"
 _BENCH = "the rotors ran, but the vehicle did not move, as on a bench"
+_ON_GROUND = "the throttle moved and the vehicle did not: it stayed on the ground"
 _HELD = "the vehicle was held, as on a test rig: its accelerometer tilted with gravity, as in no flight"
 
 
@@ -116,14 +117,16 @@ def find_flights(series: Mapping[str, CleanSeries], span: Interval) -> Flights:
 
 
 def _free(series: Mapping[str, CleanSeries], found: Flights) -> Flights:
-    """Return the flights in which nothing held the vehicle."""
-    force, rate = series.get("specific_force"), series.get("body_rate")
-    if force is None or rate is None:
-        return found
-    flown = tuple(each for each in found.intervals if not is_held(force, rate, *each))
-    if flown or not found.intervals:
-        return found._replace(intervals=flown)
-    return Flights((), _HELD)
+    """Return the flights in which neither the ground carried the vehicle nor anything else held it."""
+    force, rate, throttle = (series.get(name) for name in ("specific_force", "body_rate", "throttle"))
+    flown, reason = found.intervals, found.reason
+    if force is not None and throttle is not None and flown:
+        flown = tuple(each for each in flown if not stayed_on_the_ground(force, throttle, *each))
+        reason = reason if flown else _ON_GROUND
+    if force is not None and rate is not None and flown:
+        flown = tuple(each for each in flown if not is_held(force, rate, *each))
+        reason = reason if flown else _HELD
+    return found if flown == found.intervals else Flights(flown, reason, found.hops if flown else ())
 
 
 def _until_it_rests(

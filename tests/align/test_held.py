@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.settings import AlignSettings
 
-from .flights import align, flight_log, signal
+from .flights import align, flight_log, motion, signal
 
 G = 9.80665
 STEP_S = 0.01
@@ -94,3 +94,39 @@ def test_a_flight_that_swings_at_one_frequency_is_not_taken_for_a_rig() -> None:
     tilt = np.column_stack([swing, 0.0 * swing])
     found = flown(tilt, felt_in_the_air(tilt, 0.3), offset_m=G / (2.0 * np.pi * frequency_hz) ** 2)
     assert len(found.flights) == 1
+
+
+def hovered(throttle: np.ndarray, down: np.ndarray) -> FlightData:
+    """A log of the stick and of the accelerometer along body z, with the vibration of rotors."""
+    noise = 0.3 * np.random.default_rng(3).standard_normal((TIME_S.size, 3))
+    log = flight_log(
+        signal("body_rate", TIME_S, np.radians(2.0) * motion(TIME_S)),
+        signal("torque_command", TIME_S, 0.1 * motion(TIME_S)),
+        signal("throttle", TIME_S, throttle[:, np.newaxis]),
+        signal("specific_force", TIME_S, noise + np.outer(down, [0.0, 0.0, 1.0])),
+        signal("armed", TIME_S, np.ones((TIME_S.size, 1))),
+        signal("landed", TIME_S, np.zeros((TIME_S.size, 1))),
+    )
+    return align(log, AlignSettings())
+
+
+def test_a_vehicle_whose_throttle_moves_and_that_feels_one_g_stayed_on_the_ground() -> None:
+    """An autopilot called it flying from the first stick on, and motor 3 "61 % weaker than the others"."""
+    ramp = np.linspace(0.08, 0.16, TIME_S.size)
+    found = hovered(ramp, np.full(TIME_S.size, -G))
+    assert found.flights == ()
+    assert "ground" in found.on_ground_reason
+
+
+def test_a_still_hover_flies() -> None:
+    """Indoors nothing moves; the throttle does not either."""
+    sagging = np.linspace(0.40, 0.44, TIME_S.size)
+    assert len(hovered(sagging, np.full(TIME_S.size, -G)).flights) == 1
+
+
+def test_a_vehicle_that_climbs_and_descends_flies() -> None:
+    """A throttle that moves by a half, and the acceleration with it until the air has the speed."""
+    stick = 0.4 * (1.0 + 0.3 * np.sin(2.0 * np.pi * TIME_S / 8.0))
+    gained = lfilter([STEP_S], [1.0, -(1.0 - 0.5 * STEP_S)], G * (stick / 0.4 - 1.0))
+    felt = -G * (stick / 0.4) + 0.5 * gained
+    assert len(hovered(stick, felt).flights) == 1

@@ -26,7 +26,7 @@ from quadid_logs.autopilots.betaflight.signals import TO_FRD
 from quadid_logs.data.controller import RemarkKind
 from quadid_logs.data.log import FlightLog, Rows, Signal
 from quadid_logs.data.model import Model
-from quadid_logs.errors import UnknownFormatError
+from quadid_logs.errors import EmptyLogError, UnknownFormatError
 from quadid_logs.maths.recurrence import lag
 from quadid_logs.vocabulary import ON_AXIS
 from tests.analyses import Analyzed
@@ -194,6 +194,26 @@ def test_a_setting_that_makes_another_law_leaves_its_axes_without_a_controller(
     found = controllers(log, log.parameters)
     assert set(found.axes) == left
     assert {one.kind for one in found.remarks} >= {RemarkKind.NOT_MODELLED}
+
+
+@pytest.mark.parametrize(
+    ("behind", "told"),
+    [
+        (b"", "disarmed at once"),
+        (b"I\0\0", "disarmed at once"),
+        (b"\x01\x02" * 4000, "not written as its header"),
+    ],
+    ids=["nothing", "the beginning of a frame", "other data"],
+)
+def test_a_log_without_a_frame_is_told_by_what_stands_behind_its_header(
+    behind: bytes, told: str, tmp_path: Path
+) -> None:
+    """ "Disarmed at once, or cut off" was said of 1.6 MB."""
+    path = tmp_path / "log.bbl"
+    path.write_bytes(maker.header(maker.SETTINGS) + behind)
+    with pytest.raises(EmptyLogError) as found:
+        read(path)
+    assert told in found.value.hint
 
 
 def test_an_integrated_yaw_sum_is_named_and_no_custom_mixer(tmp_path: Path) -> None:

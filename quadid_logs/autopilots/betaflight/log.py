@@ -41,6 +41,8 @@ _OTHERS: Final = {
 }
 _KINDS: Final = {"I": "main", "S": "slow", "H": "GPS home", "G": "GPS"}
 _WORD: Final = 1 << 32
+#: Bytes of a number of variable length, at most.
+_LONGEST_NUMBER: Final = 5
 
 #: Target of the firmware that flies a simulated vehicle, the last word of its revision.
 _SIMULATOR: Final = " SITL"
@@ -76,9 +78,15 @@ def read_dialect(dialect: Dialect, path: str | Path, *, system: int = 0, number:
     header = content.header
     main = content.tables["I"]
     if not len(main.position):
+        # More than the longest frame that the header describes is no log that ended at once.
+        n_unread = sum(part.n_bytes for part in content.lost)
+        if n_unread > _LONGEST_NUMBER * len(header.layouts["I"].names):
+            why = "Its data are not written as its header says: the file is damaged. Download it again."
+        else:
+            why = "The vehicle was disarmed at once, or the file is cut off. Choose another log."
         raise EmptyLogError(
             f"{path} begins like a Blackbox log, but holds no readable frame.",
-            hint="The vehicle was disarmed at once, or the file is cut off. Choose another log.",
+            hint=why,
         )
     firmware = firmware_of(header.texts)
     settings = dialect.settings(settings_of(header.texts), firmware.version)
