@@ -230,6 +230,12 @@ def test_bits_of_the_profile_are_added(profile: float, to_set: int) -> None:
     assert f"Set SDLOG_PROFILE to {to_set} " in px4_logging(profile)
 
 
+def test_what_else_a_profile_logs_stays_and_is_not_called_the_three() -> None:
+    """ "155 (default + system identification + high rate)" is 25 by its words."""
+    assert "155 (default + system identification + high rate; the others as they are)" in px4_logging(131.0)
+    assert "25 (default + system identification + high rate)," in px4_logging(1.0)
+
+
 def test_a_profile_of_high_rate_is_not_to_be_set_again() -> None:
     """25, and more than it."""
     assert "Set SDLOG_PROFILE" not in px4_logging(25.0)

@@ -122,8 +122,9 @@ class Px4Advice(Advice):
                 f"SDLOG_PROFILE is {profile}, so rates and torque are logged at a high rate. If rows are "
                 "missing, the card did not keep up: use a faster one, or log fewer topics."
             )
+        kept = "; the others as they are" if profile & ~_PROFILE else ""
         return (
-            f"Set SDLOG_PROFILE to {profile | _PROFILE} (default + system identification + high rate), "
+            f"Set SDLOG_PROFILE to {profile | _PROFILE} (default + system identification + high rate{kept}), "
             "restart the vehicle, and fly again."
         )
 
