@@ -85,10 +85,11 @@ def _line(axis: str, found: AxisLoop) -> Finding | None:
         f"Look for what bends or is loose at {line}, and stiffen it. Or put a notch there, if a log at the "
         "loop rate shows the peak too. Do not raise P or D before that."
     )
-    # A loop near its limit makes a line of its own at its crossover; what bends takes margin, too.
-    if room_of(margins) <= Room.POOR:
+    # A loop near its limit makes a line of its own where it would oscillate; what bends takes margin, too.
+    if (room := room_of(margins)) < Room.ENOUGH:
+        has = "has" if room <= Room.POOR else "may have"
         advice = (
-            f"The peak at {line} may be the loop itself, which has little margin. Do not raise P or D: fly "
+            f"The peak at {line} may be the loop itself, which {has} little margin. Do not raise P or D: fly "
             "with more margin first. If the peak stays, look for what bends or is loose, and stiffen it. "
             "Or put a notch there, if a log at the loop rate shows the peak too."
         )
