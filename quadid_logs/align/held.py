@@ -32,8 +32,8 @@ _SIGMAS: Final = 3.0
 
 
 #: Averages over one second leave no vibration; in 20 flights they range over 8 % of g and more, on the
-#: ground over 4 % at most. A battery that empties from 4.2 to 3.5 V a cell raises the throttle of a still hover by the
-#: square of that; one that moves by more moves the vehicle, too.
+#: ground over 4 % at most. A battery that empties from 4.2 to 3.5 V a cell raises the throttle of a still
+#: hover by the square of that; one that moves by more moves the vehicle, too.
 _MEAN_S, _FEWEST, _STEADY, _MOVED = 1.0, 5, 0.05, 1.45
 _MOST_OF_TIME: Final = (0.05, 0.95)
 
