@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 import re
+import time
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
@@ -19,6 +20,9 @@ UNKNOWN = "unknown"
 MODIFICATION = "modification"
 #: Part of an id that is unique: the processor's, in words of hexadecimal digits.
 _UNIQUE = re.compile(r"[0-9A-Fa-f]{16,}")
+#: Clocks of computers differ by less than a day; a flight that is yet to come was dated by a clock that
+#: nobody set, as an autopilot's without a receiver.
+_DAY_S = 86_400.0
 #: So many digits tell contents of the same name apart.
 _SHORT = 8
 _EMPTY = re.compile(r"[0 ]*")
@@ -167,7 +171,8 @@ def clock_zero(log: FlightLog, start_s: float, file: LogFile) -> tuple[float, st
     taken_from : str
         "receiver", "file name", "modification", or "".
     """
-    if math.isfinite(log.utc_offset_s) and log.has_time:
+    # NaN is not before anything either.
+    if log.has_time and log.utc_offset_s + start_s < time.time() + _DAY_S:
         return log.utc_offset_s, "receiver"
     if date := _date_in(file.url):
         return date - start_s, "file name"

@@ -165,6 +165,12 @@ def utc(*parts):
     return datetime.datetime(*parts, tzinfo=datetime.UTC).timestamp()
 
 
+def test_a_flight_that_is_yet_to_come_is_dated_by_its_file() -> None:
+    """Fourteen logs of one vehicle, flown on six days, all said 2041-06-28T01:04: its clock was never set."""
+    never_set = log(utc_offset_s=utc(2100, 6, 28))
+    assert clock_zero(never_set, 30.0, SOURCE) == (utc(2026, 5, 1) - 30.0, "file name")
+
+
 def test_the_receiver_knows_the_time_best():
     """Then the name of the file, then its modification."""
     assert clock_zero(log(utc_offset_s=1.6e9), 30.0, SOURCE) == (1.6e9, "receiver")
