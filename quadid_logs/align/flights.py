@@ -34,8 +34,8 @@ _LIFTING, _LIFT_S = 0.5, 0.5
 _STILL_DEG_S, _STILL_S = 0.3, 0.2
 _TOO_SHORT = "the vehicle was never in the air for two seconds without a break"
 _BENCH = "the rotors ran, but the vehicle did not move, as on a bench"
-_ON_GROUND = "the throttle moved and the vehicle did not: it stayed on the ground"
-_HELD = "the vehicle was held, as on a test rig: its accelerometer tilted with gravity, as in no flight"
+_ON_GROUND = "the vehicle stayed on the ground (the throttle moved, and its acceleration did not)"
+_HELD = "something held the vehicle, as a test rig does (its accelerometer tilted with gravity)"
 
 
 class Flights(NamedTuple):
