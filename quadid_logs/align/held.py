@@ -61,7 +61,9 @@ def stayed_on_the_ground(force: CleanSeries, throttle: CleanSeries, start_s: flo
     if not _FEWEST <= n_means <= n_least:
         return False
     edges = np.linspace(start_s, start_s + _MEAN_S * n_means, n_means + 1)
-    felt, given = _averages(force, 2, edges), _averages(throttle, 0, edges)
+    given = _averages(throttle, 0, edges)
+    # Whichever way up: a tail-sitter hovers along its body x.
+    felt = np.linalg.norm([_averages(force, column, edges) for column in range(3)], axis=0)
     low, high = np.quantile(given, _MOST_OF_TIME)
     return bool(np.ptp(felt) < _STEADY * GRAVITY_M_S2 and high > _MOVED * low)
 

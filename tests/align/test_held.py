@@ -96,14 +96,14 @@ def test_a_flight_that_swings_at_one_frequency_is_not_taken_for_a_rig() -> None:
     assert len(found.flights) == 1
 
 
-def hovered(throttle: np.ndarray, down: np.ndarray) -> FlightData:
-    """A log of the stick and of the accelerometer along body z, with the vibration of rotors."""
+def hovered(throttle: np.ndarray, down: np.ndarray, axis: int = 2) -> FlightData:
+    """A log of the stick and of the accelerometer along one body axis, with the vibration of rotors."""
     noise = 0.3 * np.random.default_rng(3).standard_normal((TIME_S.size, 3))
     log = flight_log(
         signal("body_rate", TIME_S, np.radians(2.0) * motion(TIME_S)),
         signal("torque_command", TIME_S, 0.1 * motion(TIME_S)),
         signal("throttle", TIME_S, throttle[:, np.newaxis]),
-        signal("specific_force", TIME_S, noise + np.outer(down, [0.0, 0.0, 1.0])),
+        signal("specific_force", TIME_S, noise + np.outer(down, np.eye(3)[axis])),
         signal("armed", TIME_S, np.ones((TIME_S.size, 1))),
         signal("landed", TIME_S, np.zeros((TIME_S.size, 1))),
     )
@@ -124,9 +124,10 @@ def test_a_still_hover_flies() -> None:
     assert len(hovered(sagging, np.full(TIME_S.size, -G)).flights) == 1
 
 
-def test_a_vehicle_that_climbs_and_descends_flies() -> None:
+@pytest.mark.parametrize("axis", [2, 0], ids=["multirotor", "tail-sitter"])
+def test_a_vehicle_that_climbs_and_descends_flies(axis: int) -> None:
     """A throttle that moves by a half, and the acceleration with it until the air has the speed."""
     stick = 0.4 * (1.0 + 0.3 * np.sin(2.0 * np.pi * TIME_S / 8.0))
     gained = lfilter([STEP_S], [1.0, -(1.0 - 0.5 * STEP_S)], G * (stick / 0.4 - 1.0))
     felt = -G * (stick / 0.4) + 0.5 * gained
-    assert len(hovered(stick, felt).flights) == 1
+    assert len(hovered(stick, felt, axis).flights) == 1
