@@ -42,7 +42,6 @@ from quadid_logs.data.model import (
     Discrete,
     Excitation,
     FitSeries,
-    FormulationCheck,
     Identification,
     Inertia,
     Model,
@@ -511,10 +510,6 @@ def _model(
             after=0.98 * np.diag(B),
             statistic=np.array([2.0, 5.1, 3.3]),
         ),
-        formulations=FormulationCheck(
-            on_axis_gain=np.diag(B) * np.array([[1.0], [0.99]]), half_width=np.full((2, 3), 9.0)
-        ),
-        bootstrap_half_width=np.array([8.0, 9.0, 7.0]),
     )
 
 

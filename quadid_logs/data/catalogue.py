@@ -54,7 +54,7 @@ THIS_MOTOR: Final = "this motor"
 
 #: What makes an axis uncertain and its interval wide, and does not say that anything contradicts it.
 CAVEATS: Final = frozenset(
-    {"QL304", "QL403", "QL404", "QL503", "QL504", "QL505", "QL511", "QL514", "QL523", "QL524", "QL531"}
+    {"QL304", "QL403", "QL404", "QL503", "QL504", "QL505", "QL511", "QL523", "QL524", "QL531"}
     | {"QL533", "QL534", "QL535"}
 )
 
@@ -480,22 +480,6 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "The log holds no torque in N m. The effectiveness is per unit of command, and no inertia "
                 "in kg m^2 can be given.",
                 "For physical units, describe the vehicle with --vehicle FILE.toml.",
-            ),
-            _entry(
-                "QL513",
-                "Two formulations of the same equation disagree",
-                "The equation of motion was fitted in two forms: integrated over quarters of a second "
-                "(integral form), and smoothed with Gaussians (weak form). The two forms give different "
-                "effectiveness. Both hold for a rigid body with actuators. Something else moved the "
-                "vehicle, or torque and rates are not from one clock.",
-                "Fly stronger manoeuvres on this axis, in calm air. Check the clocks in the report.",
-            ),
-            _entry(
-                "QL514",
-                "The interval may be too narrow",
-                "Blocks of the flight were drawn at random and fitted again. The effectiveness then "
-                "scatters by more than its interval says. Single manoeuvres or gusts dominate the estimate.",
-                "Fly longer, and repeat the manoeuvre evenly.",
             ),
             _entry(
                 "QL515",

@@ -327,27 +327,6 @@ class ChangeCheck:
         return difference
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FormulationCheck:
-    """B11, B22, B33 by the weak form (row 0) and the integral form (row 1), shape (2, 3).
-
-    ``half_width`` (2, 3) is half of the 95 % interval, in the same unit.
-    """
-
-    on_axis_gain: FloatArray
-    half_width: FloatArray
-
-    @property
-    def disagree(self) -> FloatArray:
-        """Relative difference in excess of both 95 % intervals, zero if none; shape (3,)."""
-        difference = np.abs(self.on_axis_gain[1] - self.on_axis_gain[0])
-        beyond = difference > np.hypot(self.half_width[0], self.half_width[1])
-        relative: FloatArray = np.zeros_like(difference)
-        own = np.abs(self.on_axis_gain[0])
-        np.divide(difference, own, out=relative, where=beyond & (own > 0.0))
-        return relative
-
-
 #: The physical effect that an additional column of an equation represents.
 Effect = Literal[
     "threshold",
@@ -427,8 +406,6 @@ class StructuralCheck:
     feedback : ndarray, shape (3,)
         Possible relative increase of the on-axis effectiveness because the controller reacts to disturbances.
         If set-points are instruments, only the part that follows the attitude counts.
-    together : ndarray, shape (3,)
-        Relative increase of the on-axis effectiveness with all detected effects together.
     instrumented : bool
         Whether set-points are instruments.
     strength : ndarray, shape (3,)
@@ -447,7 +424,6 @@ class StructuralCheck:
     feedback: FloatArray
     instrumented: bool = False
     own_timing: FloatArray = field(default_factory=lambda: np.zeros(3))
-    together: FloatArray = field(default_factory=lambda: np.zeros(3))
     strength: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
 
 
@@ -494,8 +470,6 @@ class Model:
         Measured and modelled series.
     smoothing_hz : float
         Cut-off of the filter on regressors and targets [Hz].
-    bootstrap_half_width : ndarray, shape (3,), or None
-        Half width of the 95 % intervals of B11, B22, B33 from resampled blocks of the flight.
     criterion : float
         Bayesian information criterion; clusters of correlated residuals count once. Lower is better.
     yaw_reaction : YawReaction or None
@@ -533,9 +507,7 @@ class Model:
     condition_number: float = float("nan")
     band: BandCheck | None = None
     change: ChangeCheck | None = None
-    formulations: FormulationCheck | None = None
     structural: StructuralCheck | None = None
-    bootstrap_half_width: FloatArray | None = None
     criterion: float = float("nan")
     note: str = ""
     yaw_reaction: YawReaction | None = None
@@ -612,9 +584,8 @@ class Excitation:
     ``torque_rms`` is in the unit of the input, ``rate_rms_rad_s`` in [rad/s]. ``signal_to_noise`` is the
     ratio of explained to unexplained acceleration in the fitted band. ``rate_psd``, ``torque_psd`` and
     ``coherence`` (n_frequencies,) are spectra over ``frequency_hz``.
-    ``difference_r2`` is the R2 of the torque above the frequencies of motion by differences of neighbouring
-    rates, NaN in slow logs. ``bandwidth`` is the standard deviation of the torque's frequency over its mean,
-    in the fitted band. The strongest line is at ``line_hz`` [Hz] and has ``line_fraction`` of the power.
+    ``bandwidth`` is the standard deviation of the torque's frequency over its mean, in the fitted band. The
+    strongest line is at ``line_hz`` [Hz] and has ``line_fraction`` of the power.
     ``path`` describes the transfer from torque to acceleration, None if the flight is too short.
     """
 
@@ -630,7 +601,6 @@ class Excitation:
     line_hz: float = float("nan")
     line_fraction: float = float("nan")
     path: TorquePath | None = None
-    difference_r2: float = float("nan")
 
 
 def _nothing() -> FloatArray:

@@ -189,11 +189,7 @@ def _flight(data: FlightData, identification: Identification) -> Iterator[Findin
         data.segments
         and identification.skipped
         # Where a rate is the reason, that is said by itself.
-        and not any(
-            source.rate_hz < MIN_RATE_HZ
-            for name, source in data.sources.items()
-            if name in ("body_rate", "torque_command", "torque_n_m")
-        )
+        and not _too_slow(data)
     ):
         yield finding("QL402", "error", {"reason": identification.skipped, "gap_free_s": round(usable_s, 2)})
 

@@ -49,18 +49,12 @@ _BAND_WARNING = 0.1
 #: another vehicle.
 _CHANGE_WARNING = 0.1
 _CHANGE_ERROR = 0.25
-#: Effectiveness is not known better than to some per cent in practice: less is no matter.
-_FORMULATIONS_WARNING = 0.05
-#: Half as wide again: beyond what chance makes of a few blocks.
-_WIDER = 1.5
 #: Windows of the paper of which a smaller fraction than this rises above the noise.
 _FEW_WINDOWS = 0.5
 #: Ends of an interval that are farther apart than this factor leave no use for the number. Nearer ones are
 #: within a factor of 1.73 (4.8 dB) of their middle, inside the gain margin of 6 dB that every rate loop is to
 #: keep: a loop that is tuned for the middle flies while a better flight is made.
 _FACTOR_BETWEEN_ENDS = 3.0
-#: Effectiveness is not known better than to some per cent in practice: less is no matter.
-_MATTERS = 0.05
 #: Of this R2 the torque explains nearly all.
 _EXPLAINED = 0.9
 _CAUTION_SIGNAL_TO_NOISE = _EXPLAINED / (1.0 - _EXPLAINED)
@@ -392,34 +386,6 @@ def _changes_in_flight(axis: _Axis) -> Finding | None:
     return axis.finding("QL509", level, evidence, title)
 
 
-def _formulations_disagree(axis: _Axis) -> Finding | None:
-    """Warn of effectiveness that depends on how the same equation is written."""
-    formulations = axis.model.formulations
-    disagreement = 0.0 if formulations is None else float(formulations.disagree[axis.number])
-    if formulations is None or disagreement <= _FORMULATIONS_WARNING:
-        return None
-    evidence = {
-        "gain_weak": rounded(float(formulations.on_axis_gain[0, axis.number])),
-        "gain_integral": rounded(float(formulations.on_axis_gain[1, axis.number])),
-        "half_widths_95": [rounded(float(value)) for value in formulations.half_width[:, axis.number]],
-    }
-    return axis.finding("QL513", "error" if disagreement > _BAND_ERROR else "warning", evidence)
-
-
-def _interval_too_narrow(axis: _Axis) -> Finding | None:
-    """Say where resampling the flight scatters the effectiveness by more than its interval."""
-    half_width = axis.model.bootstrap_half_width
-    fitted = 0.5 * (axis.on_axis.ci95[1] - axis.on_axis.ci95[0])
-    if half_width is None or not half_width[axis.number] > _WIDER * fitted:
-        return None
-    evidence = {
-        "half_width": rounded(fitted),
-        "half_width_by_resampling": rounded(float(half_width[axis.number])),
-    }
-    matters = half_width[axis.number] > _MATTERS * abs(axis.on_axis.value)
-    return axis.finding("QL514", "warning" if matters else "info", evidence)
-
-
 def _inverse_controller(axis: _Axis) -> Finding | None:
     """Refuse a yaw whose torque follows the motion."""
     if axis.number != _YAW or not axis.model.yaw_is_inverse_controller:
@@ -504,15 +470,13 @@ _FATAL = (
 _OTHERS = (
     _not_reproduced,
     _depends_on_the_band,
-    _formulations_disagree,
     _changes_in_flight,
-    _interval_too_narrow,
     _wide,
     _partly_explained,
 )
 #: Below 2.5 Hz gusts move a vehicle as its commands do: instruments tell them apart, held-out flight not.
 _SLOW_FATAL = (_poorly_excited, _follows_the_rate, _inverse_controller, _wrong_sign, _too_wide)
-_SLOW_OTHERS = (_from_slow_log, _depends_on_the_band, _interval_too_narrow, _wide)
+_SLOW_OTHERS = (_from_slow_log, _depends_on_the_band, _wide)
 
 
 #: Of an axis that a fit in time does not explain and commands do not tell: why.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -49,9 +48,6 @@ _ACROBATICS_RAD_S = 5.0
 #: Gyros and calibrations leave two per cent: less is no matter. In the fitted band a torque is half of what
 #: it is as a whole, or more, and a step twice as much of it.
 _COARSE = 0.01
-#: A difference of neighbouring rates explains no more of a torque behind a rotor (see `identify.excitation`);
-#: of 198 flown and firmware logs at most 0.65.
-_IS_DIFFERENCE = 0.95
 #: Of torques that act through rotors, one in a thousand looks as if nothing lay between by chance.
 _BY_CHANCE = 1e-3
 #: What was computed from the rates is most of them, beside the rounding of what was logged.
@@ -130,7 +126,7 @@ def find_in_structure(data: FlightData, identification: Identification) -> Itera
     computed = _computed_from_rates(identification.excitation)
     rotors_told = bool(data.segments) and all(one.rotor_thrust is not None for one in data.segments)
     for number in explained:
-        if number in computed:
+        if computed:
             yield _computed(identification.excitation[number], AXES[number])
         else:
             yield from _axis(identification, model, number, rotors_told=rotors_told)
@@ -244,28 +240,19 @@ def _axis(
         yield from _effects(model.structural, number, averaged=told, rotors_told=rotors_told)
 
 
-def _computed_from_rates(excitation: Sequence[Excitation]) -> tuple[int, ...]:
-    """Return the axes whose torque was computed from the rates: all where roll's or pitch's was.
+def _computed_from_rates(excitation: Sequence[Excitation]) -> bool:
+    """Say whether the torque was computed from the rates, which roll or pitch tells of all axes.
 
-    Yaw leads where rotors react, by as much as they lag: without a path it is computed only where the noise
-    of the gyro is in the torque, too.
+    Yaw leads where rotors react, by as much as they lag: it tells nothing.
     """
-    is_difference = [each.difference_r2 > _IS_DIFFERENCE for each in excitation]
-    no_path = [
-        each.path is not None and each.path.p_value < _BY_CHANCE and each.path.explained > _MOST
-        for each in excitation
-    ]
-    if any(is_difference[:_TILTING]) or any(no_path[:_TILTING]):
-        return tuple(range(len(excitation)))
-    return tuple(number for number in range(len(excitation)) if is_difference[number] and no_path[number])
+    paths = [each.path for each in excitation[:_TILTING] if each.path is not None]
+    return any(path.p_value < _BY_CHANCE and path.explained > _MOST for path in paths)
 
 
 def _computed(excitation: Excitation, axis: str) -> Finding:
     path, evidence = excitation.path, {}
-    if math.isfinite(excitation.difference_r2):
-        evidence["explained_by_difference_of_rates"] = rounded(excitation.difference_r2, 2)
     if path is not None:
-        evidence |= {
+        evidence = {
             "lag_ms": rounded(1e3 * path.lag_s, 2),
             "lag_standard_error_ms": rounded(1e3 * path.lag_error_s, 2),
             "explained": rounded(path.explained, 3),

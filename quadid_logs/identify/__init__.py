@@ -264,10 +264,9 @@ def _told_by_spectra(
 
 
 def _half_width(model: Model, axis: int) -> float:
-    """Return half of the effectiveness' interval, or by how much the flight's blocks scatter it."""
+    """Return half of the effectiveness' interval."""
     low, high = model.entries[ON_AXIS[AXES[axis]]].ci95
-    scatter = 0.0 if model.bootstrap_half_width is None else float(model.bootstrap_half_width[axis])
-    return max(0.5 * (high - low), scatter)
+    return 0.5 * (high - low)
 
 
 def _identified(data: FlightData, models: tuple[Model, ...], design: Design) -> Identification:

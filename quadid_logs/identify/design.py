@@ -21,7 +21,6 @@ from quadid_logs.identify.terms import ANGLES, RATE_TERMS, TRIM, RotorField, Ter
 from quadid_logs.identify.torque import RowGrid, RowTorque
 from quadid_logs.maths.band import delay_response, gaussian_reach_s, high_pass
 from quadid_logs.maths.least_squares import without_rounding
-from quadid_logs.maths.moving_mean import moving_mean
 from quadid_logs.vocabulary import TORQUE_SYMBOLS
 
 #: Fraction of the flight that no fit sees; taken in blocks, never shuffled.
@@ -131,13 +130,6 @@ class Design:
             return columns
         parts = [high_pass(part, self.period_s, high_pass_hz) for part in self._by_chunk(columns)]
         return without_rounding(np.concatenate(parts), columns)
-
-    def averaged(self, columns: FloatArray, n_rows: int) -> FloatArray:
-        """Average columns over so many rows, chunk by chunk; beyond the ends they count as zero."""
-        if n_rows <= 1:
-            return columns
-        parts = [moving_mean(part, n_rows, beyond="zero") for part in self._by_chunk(columns)]
-        return np.concatenate(parts)
 
     def _by_chunk(self, columns: FloatArray) -> list[FloatArray]:
         """Split rows into those of each gap-free chunk."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import BandCheck, ChangeCheck, FormulationCheck, StructuralCheck
+from quadid_logs.data.model import BandCheck, ChangeCheck, StructuralCheck
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify.actuator import ActuatorFit, fit_actuator
 from quadid_logs.identify.actuator_model import (
@@ -19,7 +19,7 @@ from quadid_logs.identify.actuator_model import (
     find_actuator_model,
     same_actuator_model,
 )
-from quadid_logs.identify.checks import bootstrapped_half_width, check_change, check_formulations
+from quadid_logs.identify.checks import check_change
 from quadid_logs.identify.design import Design, build_design
 from quadid_logs.identify.first_stage import told_axes
 from quadid_logs.identify.fit import PooledFit, Regression, fit_laid_out, lay_out, used_columns, with_trim
@@ -48,7 +48,7 @@ class ActuatedFit(NamedTuple):
 
     ``whole`` are the rows before they were high-passed, with the lag on the rotors
     if it acts there; ``informative`` are the axes that answer to their own torque. Behind a `KnownActuator`,
-    ``formulations`` and ``bootstrap_half_width`` are None, and ``band`` is that of the fit alone.
+    ``band`` is that of the fit alone.
     """
 
     whole: Design
@@ -58,8 +58,6 @@ class ActuatedFit(NamedTuple):
     informative: list[int]
     band: BandCheck
     change: ChangeCheck
-    formulations: FormulationCheck | None
-    bootstrap_half_width: FloatArray | None
     structural: StructuralCheck
 
 
@@ -174,8 +172,6 @@ def checked(found: Unchecked) -> ActuatedFit:
         informative=found.informative,
         band=_bands(data, problem, model, fit, () if known else _OTHER_BANDS),
         change=check_change(model.design, structure, regression, found.informative),
-        formulations=None if known else check_formulations(model, structure, fit),
-        bootstrap_half_width=None if known else bootstrapped_half_width(model.design, structure, regression),
         # An axis that turns too little for lag and delay may still have a number of its own.
         structural=check_structure(
             problem._replace(axes=_informative(fit, range(3))),

@@ -14,7 +14,7 @@ from quadid_logs.identify.design import Design
 from quadid_logs.identify.terms import ANGLE_SYMBOLS, Term
 from quadid_logs.identify.torque_path import torque_path
 from quadid_logs.maths.band import gaussian_response
-from quadid_logs.maths.spectra import WINDOW_S, Spectra, averaged_spectra
+from quadid_logs.maths.spectra import WINDOW_S, averaged_spectra
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
 #: Above this fraction of the Nyquist frequency a multirotor's motion has died out
@@ -22,11 +22,6 @@ from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 _NOISE_BAND = 0.6
 #: A window of that length makes of one frequency a line of so many hertz to either side.
 _LINE_HZ = 2.5 / WINDOW_S
-#: Where what is common to torque and rate is noise, as fractions of the Nyquist frequency.
-_NOISE_FROM, _NOISE_TO = 0.3, 0.9
-#: A difference of neighbouring rates explains at most 0.92 of a torque behind any first-order lag, and 0.95
-#: behind one with a filter, where they come to half a sample and no noise is beside it: 10 ms and more [s].
-_LONGEST_SAMPLE_S: Final = 0.02
 #: A vehicle that hovers by itself turns at 1 to 2 deg/s rms; a manoeuvre must exceed that.
 MIN_RATE_RMS_DEG_S: Final = 2.0
 #: A sinusoid has hardly any, two that are a third apart 0.15, manoeuvres 0.3 to 0.9. Gain and phase at one
@@ -150,7 +145,6 @@ def measure_excitation(
                 rate_psd=spectra.output_psd,
                 torque_psd=spectra.input_psd,
                 coherence=spectra.coherence,
-                difference_r2=_difference_r2(spectra, data.sample_period_s),
                 path=torque_path(data.segments, axis, data.sample_period_s),
                 bandwidth=bandwidth,
                 line_hz=line_hz,
@@ -158,30 +152,6 @@ def measure_excitation(
             )
         )
     return tuple(found)
-
-
-def _difference_r2(spectra: Spectra, period_s: float) -> float:
-    """Return how much of the torque above all motion a difference of neighbouring rates explains.
-
-    Of differences to the last sample, over both, and to the next one the best, with every frequency of the
-    torque as important as another. NaN where samples are so far apart that this would say nothing.
-    """
-    if period_s > _LONGEST_SAMPLE_S:
-        return float("nan")
-    power = spectra.input_psd
-    frequency_hz = spectra.frequency_hz
-    nyquist_hz = frequency_hz[-1]
-    above, below = _NOISE_FROM * nyquist_hz, _NOISE_TO * nyquist_hz
-    noise = (frequency_hz > above) & (frequency_hz < below) & (power > 0.0)
-    if not noise.any():
-        return float("nan")
-    turn = np.exp(2j * np.pi * spectra.frequency_hz * period_s)
-    found = []
-    for difference in (1.0 - turn.conj(), 0.5 * (turn - turn.conj()), turn - 1.0):
-        common = float(np.sum((spectra.cross * difference).real[noise] / power[noise]))
-        own = float(np.sum((spectra.output_psd * np.abs(difference) ** 2)[noise] / power[noise]))
-        found.append(max(common, 0.0) ** 2 / (own * np.count_nonzero(noise)) if own > 0.0 else 0.0)
-    return max(found)
 
 
 def noise_density(data: FlightData) -> dict[str, float]:

@@ -121,14 +121,13 @@ def lay_out(
     actuator: ActuatorFit | None,
     kept: BoolArray | None = None,
     *,
-    average: int = 1,
     all_instruments: bool = False,
 ) -> Regression:
     """Lay out the rows that a structure is fitted to.
 
     Parameters
     ----------
-    design, structure, actuator, kept, average
+    design, structure, actuator, kept
         As of `fit_pooled`.
     all_instruments : bool
         For more columns than those of the structure: none is left out.
@@ -146,12 +145,12 @@ def lay_out(
     # The paper's own structures are fitted as the paper does.
     instrumented = design if actuator is not None else design.without_instruments()
     names = (*structure.columns, *design.disturbances(structure), *structure.targets)
-    rows = design.averaged(design.stack(names, torque, structure.inputs), average)[train]
+    rows = design.stack(names, torque, structure.inputs)[train]
     n_targets = len(structure.targets)
     Z, Y = rows[:, :-n_targets], rows[:, -n_targets:]
     project = Projection(instrumented, structure, train)
     if actuator is not None and not all_instruments:
-        by_time = design.averaged(times_of(design, actuator), average)[train]
+        by_time = times_of(design, actuator)[train]
         project = project.jackknifed(np.column_stack([Z, by_time]), clusters_of(design))
     return Regression(Z, project(Z), Y, used_columns(design, structure, kept), project)
 
@@ -211,8 +210,6 @@ def fit_pooled(
     actuator: ActuatorFit | None,
     kept: BoolArray | None = None,
     unknown: TorqueUnknowns = NOTHING_UNKNOWN,
-    *,
-    average: int = 1,
 ) -> PooledFit:
     """Fit all targets of a structure to the training rows.
 
@@ -227,15 +224,13 @@ def fit_pooled(
         Columns that each target may use; all by default.
     unknown : TorqueUnknowns, optional
         What else of the torque is not known; it widens the intervals too.
-    average : int
-        Rows that both sides are averaged over first (the integral form).
 
     Returns
     -------
     PooledFit
     """
-    regression = lay_out(design, structure, actuator, kept, average=average)
-    return fit_laid_out(regression, design, structure, actuator, unknown, average=average)
+    regression = lay_out(design, structure, actuator, kept)
+    return fit_laid_out(regression, design, structure, actuator, unknown)
 
 
 def fit_laid_out(
@@ -244,8 +239,6 @@ def fit_laid_out(
     structure: Structure,
     actuator: ActuatorFit | None,
     unknown: TorqueUnknowns = NOTHING_UNKNOWN,
-    *,
-    average: int = 1,
 ) -> PooledFit:
     """Fit as `fit_pooled` does, to rows that are laid out.
 
@@ -253,7 +246,7 @@ def fit_laid_out(
     ----------
     regression : Regression
         As of `lay_out` for the others.
-    design, structure, actuator, unknown, average
+    design, structure, actuator, unknown
         As of `fit_pooled`.
 
     Returns
@@ -265,7 +258,7 @@ def fit_laid_out(
     theta = regression.solve()
     symbols = structure.torques
     B = theta[:, [structure.columns.index(symbol) for symbol in symbols]]
-    effects = torque_effects(design, actuator, B, unknown, project, symbols=symbols, average=average)
+    effects = torque_effects(design, actuator, B, unknown, project, symbols=symbols)
     found = _uncertainty(design, regression, theta, effects)
     half_width = np.full(used.shape, np.inf)
     half_width[used] = found.half_width

@@ -318,7 +318,6 @@ def torque_effects(
     project: Projection,
     *,
     symbols: Sequence[str] = TORQUE_SYMBOLS,
-    average: int = 1,
 ) -> TorqueEffects:
     """Return what is not known of the torque as it reaches the targets through B (n_targets, n_symbols).
 
@@ -333,8 +332,6 @@ def torque_effects(
         On the training rows.
     symbols : sequence of str
         Of the torques that B belongs to.
-    average : int
-        Rows that both sides of the equations are averaged over.
 
     Returns
     -------
@@ -346,7 +343,7 @@ def torque_effects(
     lag_s, delay_s = actuator.lag_s, actuator.delay_s
 
     def of_targets(torque: FloatArray) -> FloatArray:
-        return np.asarray(design.averaged(torque, average)[train] @ B.T)
+        return np.asarray(torque[train] @ B.T)
 
     shared = {}
     if lag_s * 2.0 * np.pi * design.smoothing_hz >= _LAG_SEEN:

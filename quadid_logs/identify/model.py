@@ -107,9 +107,7 @@ def actuated_model(
         posterior=posterior,
         band=found.band,
         change=found.change,
-        formulations=found.formulations,
         structural=found.structural,
-        bootstrap_half_width=found.bootstrap_half_width,
     )
 
 

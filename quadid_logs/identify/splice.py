@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.flight import FlightData
-from quadid_logs.data.model import ChangeCheck, FitSeries, FormulationCheck, Model
+from quadid_logs.data.model import ChangeCheck, FitSeries, Model
 from quadid_logs.identify.inertia import inertia_of
 from quadid_logs.identify.inference import Estimate
 from quadid_logs.identify.model import discrete_of
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 
-_Check = TypeVar("_Check", ChangeCheck, FormulationCheck)
 _AXES: Final = 3
 
 
@@ -70,8 +69,6 @@ def with_axis_of(model: Model, other: Model, axis: int, data: FlightData) -> Mod
         discrete=discrete_of(model.states, model.regressors, A, B, data.sample_period_s),
         fit=_series(model.fit, other.fit, axis),
         change=_columns(model.change, other.change, axis),
-        formulations=_columns(model.formulations, other.formulations, axis),
-        bootstrap_half_width=_column(model.bootstrap_half_width, other.bootstrap_half_width, axis),
         posterior=posterior,
     )
 
@@ -111,7 +108,7 @@ def _column(first: FloatArray | None, second: FloatArray | None, axis: int) -> F
     return None if first is None or second is None else np.where(np.arange(_AXES) == axis, second, first)
 
 
-def _columns(first: _Check | None, second: _Check | None, axis: int) -> _Check | None:
+def _columns(first: ChangeCheck | None, second: ChangeCheck | None, axis: int) -> ChangeCheck | None:
     """Return a check with its arrays of one axis from another one."""
     if first is None or second is None:
         return None

@@ -7,8 +7,7 @@ says whether it matters. Lag and delay follow it to first order, as does all els
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -61,8 +60,6 @@ _OF_TIME: Final[frozenset[Effect]] = frozenset({"mode", "second lag", "asymmetry
 #: Beyond a limit, torque has no effect: in simulated flights 0.6 and more of its coefficient goes to the
 #: torque that is cut off there. A curve that bends (0.1 to 0.3, firmware without a limit) is none.
 _LEAST_LOST = 0.5
-#: An effect that explains as much of the rate as the torque is the torque by another name.
-_OF_THE_TORQUE = 1.0
 #: Where a dead zone or a limit is looked for, as quantiles of the torque's size.
 _LEVELS: Final = (0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.96)
 #: Where a limit only: of steps with pauses between, the first peaks alone reach it.
@@ -85,9 +82,6 @@ _FEEDBACK = 3.0
 _PERSISTENCE_S = 0.5
 #: Below, the lag of a rotor moves no torque by as much as can be seen [s].
 _LEAST_LAG_S = 0.002
-
-#: A third effect that is seen beside two others is rare, a fourth is none.
-_MOST_TOGETHER = 3
 
 _Response = Callable[[ComplexArray], ComplexArray]
 
@@ -116,14 +110,6 @@ class _Extended(NamedTuple):
     shift: float
     coefficient: float
     held: float
-
-
-class _Found(NamedTuple):
-    """An effect on one axis, its columns (n_train, n) and their instruments."""
-
-    check: EffectCheck
-    columns: FloatArray
-    also: FloatArray | None = None
 
 
 class _EquationRows(NamedTuple):
@@ -188,21 +174,6 @@ class _EquationRows(NamedTuple):
             held=float(load[self.own, 0]),
         )
 
-    def beside(self, found: _Found) -> _EquationRows:
-        """Return the equation with the columns of an effect among its own."""
-        columns = np.column_stack([self.columns, found.columns])
-        explained = np.column_stack([self.explained, self._instrumented(found.columns, found.also)])
-        solve = _pseudo_inverse(explained)
-        # What was left is fitted anew: all that it changes is added to what was there.
-        change = solve @ self.residual
-        return self._replace(
-            columns=columns,
-            explained=explained,
-            solve=solve,
-            residual=self.residual - columns @ change,
-            gain=self.gain + float(change[self.own]),
-        )
-
     def _instrumented(self, extra: FloatArray, also: FloatArray | None) -> FloatArray:
         """Return what the instruments, and `also` beside them, make of more columns."""
         explained = self.regression.project(extra)
@@ -210,9 +181,6 @@ class _EquationRows(NamedTuple):
             return explained
         beyond = also - self.regression.project(also)
         return np.asarray(explained + beyond @ np.linalg.lstsq(beyond, extra, rcond=_SAME_COLUMN)[0])
-
-
-_Look = Callable[[dict[int, _EquationRows]], list[_Found]]
 
 
 def _pseudo_inverse(columns: FloatArray) -> FloatArray:
@@ -275,20 +243,17 @@ def check_structure(
     persistence, spread = _variation(design, equations)
     flight_gain, flight_half_width = _by_flight(design, equations)
 
-    # What is looked for is the same whatever the equations have already.
-    candidates = list(_candidates(design, model, regression)) if equations else []
-    dead_zones = list(_dead_zones(design, model, described)) if equations else []
-
-    def look(equations: dict[int, _EquationRows]) -> list[_Found]:
-        return [*_effects(candidates, equations), *_of_rotors(dead_zones, equations)]
-
-    found = look(equations)
+    effects: tuple[EffectCheck, ...] = ()
+    if equations:
+        candidates = _candidates(design, model, regression)
+        dead_zones = _dead_zones(design, model, described)
+        effects = (*_effects(candidates, equations), *_of_rotors(dead_zones, equations))
     stage = first_stage(design)
     in_common, own = structure.on_axis(regression.solve()), np.zeros(3)
     for axis, equation in equations.items():
         own[axis] = np.clip(equation.gain / in_common[axis] - 1.0, -LARGEST_SHIFT, LARGEST_SHIFT)
-    check = StructuralCheck(
-        effects=tuple(each.check for each in found),
+    return StructuralCheck(
+        effects=effects,
         timing=known.timing if known else None if free is None else _timing(problem, free, fit),
         flight_gain=flight_gain,
         flight_half_width=flight_half_width,
@@ -299,40 +264,6 @@ def check_structure(
         own_timing=own,
         strength=np.full(3, np.nan) if stage is None else np.asarray(stage.statistic / stage.needed),
     )
-    return replace(check, together=_together(check, equations, found, look))
-
-
-def _together(
-    check: StructuralCheck, equations: dict[int, _EquationRows], found: list[_Found], look: _Look
-) -> FloatArray:
-    """Return how much larger the effectiveness is with all effects that are seen; shape (3,).
-
-    The one that explains most is fitted with the others, and what is left is looked through again: an effect
-    hides a smaller one, and two that come together move the effectiveness further than either.
-    """
-    extended = dict(equations)
-    for _ in range(_MOST_TOGETHER):
-        check = replace(check, effects=tuple(each.check for each in found))
-        columns = {(each.check.axis, each.check.effect): each for each in found}
-        chosen: dict[int, _Found] = {}
-        for axis in extended:
-            # Below a limit, the torque and the torque cut off are one: neither column alone is the vehicle's.
-            # So are the torque and what rotors lose of it where most of it is below their level.
-            seen = [
-                each
-                for each in seen_effects(check, axis)
-                if each.effect != "limit" and abs(each.shift) < _OF_THE_TORQUE
-            ]
-            if seen:
-                chosen[axis] = columns[axis, max(seen, key=_explained).effect]
-        if not chosen:
-            break
-        extended |= {axis: extended[axis].beside(each) for axis, each in chosen.items()}
-        found = look({axis: extended[axis] for axis in chosen})
-    together = np.zeros(3)
-    for axis, each in extended.items():
-        together[axis] = each.gain / equations[axis].gain - 1.0
-    return together
 
 
 def with_alternatives(structure: Structure, estimate: Estimate, check: StructuralCheck) -> Estimate:
@@ -369,9 +300,7 @@ def with_alternatives(structure: Structure, estimate: Estimate, check: Structura
             for each in check.effects
             if (each.axis, each.effect) == (axis, "rotor threshold") and each.statistic >= _EFFECT_POSSIBLE
         ]
-        factors = np.array(
-            [1.0, *(1.0 + of_timing) * (1.0 + seen), 1.0 + own, *lost, 1.0 + check.together[axis]]
-        )
+        factors = np.array([1.0, *(1.0 + of_timing) * (1.0 + seen), 1.0 + own, *lost])
         others = gain * (1.0 + possible)
         low[place] = min((low[place] * factors).min(), others.min())
         high[place] = max((high[place] * factors).max(), others.max())
@@ -545,12 +474,12 @@ def _is_part(effect: EffectCheck) -> bool:
     return bool(effect.explained >= least)
 
 
-def _effects(candidates: Sequence[_Candidate], equations: dict[int, _EquationRows]) -> Iterator[_Found]:
-    """Yield the likeliest level or frequency of each kind of effect, axis by axis.
+def _effects(candidates: Iterable[_Candidate], equations: dict[int, _EquationRows]) -> Iterable[EffectCheck]:
+    """Return the likeliest level or frequency of each kind of effect, axis by axis.
 
     That is the one furthest beyond chance, of several limits that are clear the one that explains most.
     """
-    best: dict[tuple[int, Effect], _Found] = {}
+    best: dict[tuple[int, Effect], EffectCheck] = {}
     for candidate in candidates:
         for axis, equation in equations.items():
             if candidate.effect in ("tilt", "swing") and axis == 2:
@@ -561,9 +490,9 @@ def _effects(candidates: Sequence[_Candidate], equations: dict[int, _EquationRow
             check = _checked(candidate, axis, found)
             effect = check.effect
             known = best.get((axis, effect))
-            if check.statistic > 0.0 and (known is None or _fits(check) > _fits(known.check)):
-                best[axis, effect] = _Found(check, candidate.columns[:, axis], also)
-    yield from best.values()
+            if check.statistic > 0.0 and (known is None or _fits(check) > _fits(known)):
+                best[axis, effect] = check
+    return best.values()
 
 
 def _fits(effect: EffectCheck) -> tuple[float, float]:
@@ -662,24 +591,26 @@ def _dead_zones(
         yield _DeadZone(level, _behind(design, model, torques))
 
 
-def _of_rotors(dead_zones: Sequence[_DeadZone], equations: dict[int, _EquationRows]) -> tuple[_Found, ...]:
+def _of_rotors(
+    dead_zones: Iterable[_DeadZone], equations: dict[int, _EquationRows]
+) -> tuple[EffectCheck, ...]:
     """Return what a dead zone of each rotor does, which follows no command near the mean of all rotors.
 
     Torques about several axes move a rotor by their sum, so that no level of one torque tells it. The level,
     and how much is lost below it, are those of all axes together.
     """
     best: dict[int, _Extended] = {}
-    lost, place, of_rotors = _Lost(0.0, 0.0), np.nan, np.zeros((0, 3))
+    lost, place = _Lost(0.0, 0.0), np.nan
     for level, below in dead_zones:
         found = {axis: each.extended(below[:, [axis]], None) for axis, each in equations.items()}
         of_level = _Lost.of([each for each in found.values() if each.statistic > 0.0])
         # By the instruments a coefficient may be beyond chance and yet leave more than there was: no effect.
         explains = sum(each.explained for each in found.values()) > 0.0
         if explains and of_level.fraction > _LEAST_OF_LEVEL and of_level.statistic > lost.statistic:
-            best, lost, place, of_rotors = found, of_level, level, below
+            best, lost, place = found, of_level, level
     explained = max((each.explained for each in best.values()), default=0.0)
     most = lost.fraction * (1.0 + NORMAL_95 / np.sqrt(max(lost.statistic, 1.0)))
-    checks = (
+    return tuple(
         EffectCheck(
             axis=axis,
             effect="rotor threshold",
@@ -691,7 +622,6 @@ def _of_rotors(dead_zones: Sequence[_DeadZone], equations: dict[int, _EquationRo
         )
         for axis, each in best.items()
     )
-    return tuple(_Found(check, of_rotors[:, [check.axis]]) for check in checks)
 
 
 class _Lost(NamedTuple):

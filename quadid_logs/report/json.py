@@ -257,15 +257,6 @@ def _model(model: Model, given: InputDescription | None) -> dict[str, Any]:
                 strict=True,
             )
         },
-        "formulations_check": None
-        if model.formulations is None
-        else {
-            "gain": dict(zip(_ON_AXIS_NAMES, model.formulations.on_axis_gain.T, strict=True)),
-            "half_width": dict(zip(_ON_AXIS_NAMES, model.formulations.half_width.T, strict=True)),
-        },
-        "bootstrap_half_width": None
-        if model.bootstrap_half_width is None
-        else dict(zip(_ON_AXIS_NAMES, model.bootstrap_half_width, strict=True)),
         "information_criterion": model.criterion,
         "note": model.note,
     }

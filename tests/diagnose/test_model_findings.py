@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from quadid_logs.data.diagnosis import Finding
-from quadid_logs.data.model import BandCheck, ChangeCheck, FormulationCheck, Identification, Model
+from quadid_logs.data.model import BandCheck, ChangeCheck, Identification, Model
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.diagnose.advice import advice_for, next_steps
 from quadid_logs.diagnose.model_findings import find_in_models
@@ -256,38 +256,6 @@ def test_an_axis_is_a_caution_where_both_others_change_in_flight(
         time_s=np.full(3, 9.0), before=np.full(3, 90.0), after=np.full(3, 110.0), statistic=statistic
     )
     assert ("QL532" in found(good, lambda model: dataclasses.replace(model, change=change))) is warned
-
-
-@pytest.mark.parametrize(
-    ("difference", "half_width", "level"),
-    [
-        (0.04, 0.001, None),
-        (0.06, 0.001, "warning"),
-        (0.27, 0.001, "error"),
-        (0.1, 0.08, None),
-        (0.1, 0.06, "warning"),
-    ],
-)
-def test_formulations_that_differ_by_more_than_their_intervals_allow_are_told(
-    good: Identification, difference: float, half_width: float, level: str | None
-) -> None:
-    """The root of the sum of both squares is allowed."""
-    gain = np.array([[1.0] * 3, [1.0 - difference] * 3])
-    check = FormulationCheck(on_axis_gain=gain, half_width=np.full((2, 3), half_width))
-    assert found(good, lambda model: dataclasses.replace(model, formulations=check)).get("QL513") == level
-
-
-@pytest.mark.parametrize(("times", "told"), [(1.4, False), (1.6, True)])
-def test_an_interval_that_resampling_contradicts_is_told(
-    good: Identification, times: float, told: bool
-) -> None:
-    """By half as much again."""
-
-    def resampled(model: Model) -> Model:
-        low, high = model.entries["q_dot", "M"].ci95
-        return dataclasses.replace(model, bootstrap_half_width=np.full(3, times * 0.5 * (high - low)))
-
-    assert ("QL514" in found(good, resampled)) is told
 
 
 @pytest.mark.parametrize(

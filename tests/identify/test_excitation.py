@@ -68,37 +68,3 @@ def test_the_strongest_line_is_told_with_its_fraction_of_the_power() -> None:
     roll = excitation((1.5, 0.3), (3.0, 0.3 / np.sqrt(3.0)))
     assert roll.line_hz == pytest.approx(1.5)
     assert roll.line_fraction == pytest.approx(0.78, abs=0.01)
-
-
-GYRO = np.random.default_rng(3).standard_normal((12_000, 3)) + np.sin(np.arange(12_000) / 40.0)[:, np.newaxis]
-
-
-@pytest.mark.parametrize("samples_early", [0, 1])
-def test_a_difference_of_rates_holds_even_the_noise_of_the_gyro(samples_early: int) -> None:
-    """To the last sample it is half a sample late, to the next one half a sample early."""
-    difference = np.roll(np.diff(GYRO, axis=0, prepend=GYRO[:1]), -samples_early, axis=0)
-    roll = noise_of(GYRO, 0.3 * difference)
-    assert roll.difference_r2 > 0.97
-
-
-@pytest.mark.parametrize("samples_early", [0, 1])
-def test_a_controller_that_answers_the_gyro_computes_no_torque_from_it(samples_early: int) -> None:
-    """Rate and difference are fed back, by far the most of the torque."""
-    difference = np.diff(GYRO, axis=0, prepend=GYRO[:1])
-    torque = np.roll(-0.5 * GYRO - difference, -samples_early, axis=0)
-    assert noise_of(GYRO, torque).difference_r2 < 0.7
-
-
-@pytest.mark.parametrize("lag_s", [0.002, 0.01, 0.03])
-def test_a_torque_behind_a_rotor_is_no_difference_of_rates(lag_s: float) -> None:
-    """Without any noise: a rotor's torque is the acceleration and its slope."""
-    s = 2j * np.pi * np.fft.rfftfreq(len(GYRO), PERIOD_S)
-    spectrum = np.fft.rfft(GYRO, axis=0) * (s * (1.0 + lag_s * s))[:, np.newaxis]
-    assert noise_of(GYRO, np.fft.irfft(spectrum, len(GYRO), axis=0)).difference_r2 < 0.93
-
-
-def noise_of(rate: FloatArray, torque: FloatArray) -> Excitation:
-    """Of roll."""
-    return measure_excitation(
-        flight_data(rate, torque), signal_to_noise=np.ones(3), rate_rms_rad_s=np.ones(3), band_hz=(0.3, 5.0)
-    )[0]

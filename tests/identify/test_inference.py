@@ -13,9 +13,8 @@ from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.data.torque import Calibration
 from quadid_logs.identify import identify
 from quadid_logs.identify.actuator import ActuatorFit
-from quadid_logs.identify.checks import bootstrapped_half_width
 from quadid_logs.identify.design import Design, build_design
-from quadid_logs.identify.fit import Regression, _mean_half_width, fit_pooled, with_trim
+from quadid_logs.identify.fit import _mean_half_width, fit_pooled, with_trim
 from quadid_logs.identify.inference import (
     NOTHING_UNKNOWN,
     Feedback,
@@ -204,21 +203,6 @@ def test_clusters_hold_neighbours_only(design: Design) -> None:
         rows = clusters == number
         assert np.ptp(time_s[rows]) < 1.0
         assert np.unique(block[rows]).size == 1
-
-
-def test_resampled_blocks_give_the_interval_of_textbooks_for_white_residuals(design: Design) -> None:
-    """1.96 sigma over the length of the column; 400 draws of 90 blocks fix it to a tenth."""
-    n = int(np.count_nonzero(design.train))
-    blocks = np.zeros(design.time_s.size, dtype=np.int64)
-    blocks[design.train] = np.arange(n) * 90 // n
-    rng = np.random.default_rng(8)
-    Z = rng.standard_normal((n, len(DAMPED.columns)))
-    Y = Z @ rng.standard_normal((Z.shape[1], 3)) + 0.7 * rng.standard_normal((n, 3))
-    project = Projection(design, DAMPED, design.train)
-    regression = Regression(Z, Z, Y, np.ones((3, Z.shape[1]), dtype=bool), project)
-    found = bootstrapped_half_width(dataclasses.replace(design, block=blocks), DAMPED, regression)
-    expected = 1.96 * 0.7 / np.linalg.norm(Z[:, -3:], axis=0)
-    assert found.mean() == pytest.approx(expected.mean(), rel=0.1)
 
 
 def test_the_interval_of_a_mean_is_that_of_the_means_of_blocks(design: Design) -> None:

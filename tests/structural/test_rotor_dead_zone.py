@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,7 +13,7 @@ from quadid_logs.align import cut
 from quadid_logs.data.model import EffectCheck
 from quadid_logs.data.result import Result
 from quadid_logs.data.settings import Settings
-from quadid_logs.identify.structural import _EquationRows, _Extended, _Found, _Lost, is_seen
+from quadid_logs.identify.structural import _Extended, _Lost, is_seen
 from quadid_logs.load import prepare
 from quadid_logs.pipeline import judge
 from quadid_logs.simulator import SCENARIOS, fly, plan_flights, simulate
@@ -158,25 +156,3 @@ def test_what_rotors_lose_of_nearly_all_torque_is_no_second_effect() -> None:
     flight = simulate("doublets", duration_s=60.0, rate_hz=250.0, autopilot="px4")
     pitch = analyze(flight.log).identification.recommended.entries[ON_AXIS["pitch"]]
     assert pitch.ci95[1] < 1.5 * pitch.value
-
-
-def test_an_effect_among_the_columns_is_fitted_with_them() -> None:
-    """As by least squares over all columns."""
-    rng = np.random.default_rng(0)
-    columns, extra = rng.standard_normal((60, 3)), rng.standard_normal((60, 2))
-    target = rng.standard_normal(60)
-    theta = np.linalg.lstsq(columns, target, rcond=None)[0]
-    equation = _EquationRows(
-        regression=cast("Any", SimpleNamespace(project=lambda each: each)),
-        columns=columns,
-        explained=columns,
-        solve=np.linalg.pinv(columns),
-        residual=target - columns @ theta,
-        clusters=np.arange(60),
-        own=1,
-        gain=float(theta[1]),
-    )
-    found = equation.beside(_Found(of_rotors(ROLL), extra))
-    both = np.linalg.lstsq(np.column_stack([columns, extra]), target, rcond=None)[0]
-    assert found.gain == pytest.approx(both[1])
-    np.testing.assert_allclose(found.residual, target - np.column_stack([columns, extra]) @ both, atol=1e-12)
