@@ -66,6 +66,8 @@ class LogFormat(NamedTuple):
     read : Reader
     suffixes : tuple of str
         How such files mostly end; only for people and for listing folders.
+    shared_suffixes : tuple of str
+        How they end, too, as many other files do: in a folder the content decides.
     dialect : str
         As in `FlightLog.dialect`.
     strict : bool
@@ -82,6 +84,7 @@ class LogFormat(NamedTuple):
     dialect: str = ""
     strict: bool = True
     read_numbered: NumberedReader | None = None
+    shared_suffixes: tuple[str, ...] = ()
 
 
 class Autopilot:

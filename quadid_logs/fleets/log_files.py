@@ -23,6 +23,8 @@ from quadid_logs.output import DOWNLOADS, beside_prefix
 from quadid_logs.untrusted import printable
 
 _BLOCK_BYTES = 1 << 20
+#: By its beginning a format knows its files.
+_HEAD_BYTES = 1 << 16
 #: A network that fails thrice within these pauses [s] is down, not busy.
 _PAUSES_S = (0.5, 3.0, 0.0)
 #: Protocol, and what stands before the host or inside the query that nobody else may see.
@@ -37,10 +39,24 @@ _TOKEN = re.compile(
 def log_suffixes() -> tuple[str, ...]:
     """Return the endings of files that are taken of a folder: beside the logs lie parameters and videos.
 
-    A file that is named, or matches a pattern, is taken whatever its ending. Tables would be too many.
+    A file that is named, or matches a pattern, is taken whatever its ending. Tables would be too many. A
+    local file that ends as many others do is taken, too, if it begins like a log: cards hold LOG00001.TXT.
     """
     every = (suffix for one in formats() if one.name != "table" for suffix in one.suffixes)
     return tuple(dict.fromkeys(every))
+
+
+def _is_log_by_content(path: str) -> bool:
+    """Say whether a file whose ending many others have begins like a log with that ending."""
+    kinds = [one for one in formats() if path.lower().endswith(one.shared_suffixes)]
+    if not kinds:
+        return False
+    try:
+        with Path(path).open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError:
+        return False
+    return any(one.is_mine(head) for one in kinds)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,11 +121,10 @@ def _local(place: str) -> Iterator[LogFile]:
     if path.is_dir():
         for folder, folders, names in os.walk(path):
             folders.sort()
-            yield from (
-                _local_file(os.path.join(folder, name))  # noqa: PTH118 - a million of them
-                for name in names
-                if name.lower().endswith(suffixes) and not name.startswith(".")
-            )
+            for name in names:
+                full = os.path.join(folder, name)  # noqa: PTH118 - a million of them
+                if not name.startswith(".") and (name.lower().endswith(suffixes) or _is_log_by_content(full)):
+                    yield _local_file(full)
     elif path.exists():
         yield _local_file(place)
     else:

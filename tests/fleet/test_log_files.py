@@ -38,6 +38,15 @@ def test_a_folder_is_searched_to_the_bottom_for_logs(folder):
     assert names(find_logs([str(folder)])) == ["a.ulg", "b.BIN", "c.tlog"]
 
 
+def test_a_text_file_of_a_folder_is_taken_if_it_begins_like_a_log(folder):
+    """Sixteen of 65 logs ended in .TXT, as firmware names them on its card, and were left out in silence."""
+    (folder / "LOG00001.TXT").write_bytes(b"H Product:Blackbox flight data recorder by Nicholas Sherlock\n")
+    (folder / "settings.txt").write_text("set p_roll = 45")
+    names = {Path(file.url).name for file in find_logs([str(folder)])}
+    assert "LOG00001.TXT" in names
+    assert "settings.txt" not in names
+
+
 def test_a_pattern_takes_what_it_matches(folder):
     """Whoever writes one knows what he wants."""
     assert names(find_logs([f"{folder}/**/*.mp4"])) == ["video.mp4"]

@@ -54,7 +54,17 @@ class Betaflight(BlackboxFamily):
 
         suffixes = (".bbl", ".bfl")
         title = "Betaflight Blackbox"
-        return (LogFormat("blackbox", title, blackbox.is_mine, read, suffixes, read_numbered=read),)
+        return (
+            LogFormat(
+                "blackbox",
+                title,
+                blackbox.is_mine,
+                read,
+                suffixes,
+                read_numbered=read,
+                shared_suffixes=(".txt",),
+            ),
+        )
 
 
 AUTOPILOT = Betaflight()
