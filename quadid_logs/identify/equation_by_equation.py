@@ -80,15 +80,16 @@ class Unchecked(NamedTuple):
     known: KnownActuator | None = None
 
 
-def fit_equation_by_equation(
+def fit_unchecked(
     data: FlightData,
     whole: Design,
     structure: Structure,
     settings: IdentifySettings,
     *,
     voting: Sequence[int] = (0, 1, 2),
-) -> ActuatedFit:
-    """Fit a structure's equations one by one, lag and delay common to all.
+    known: KnownActuator | None = None,
+) -> Unchecked:
+    """Fit a structure's equations one by one, lag and delay common to all, without the checks.
 
     Parameters
     ----------
@@ -100,29 +101,6 @@ def fit_equation_by_equation(
         ``high_pass_hz``.
     voting : sequence of int
         Axes that may vote on lag and delay.
-
-    Returns
-    -------
-    ActuatedFit
-    """
-    return checked(fit_unchecked(data, whole, structure, settings, voting=voting))
-
-
-def fit_unchecked(
-    data: FlightData,
-    whole: Design,
-    structure: Structure,
-    settings: IdentifySettings,
-    *,
-    voting: Sequence[int] = (0, 1, 2),
-    known: KnownActuator | None = None,
-) -> Unchecked:
-    """Fit as `fit_equation_by_equation` does, without the checks: a fit that does not stand needs none.
-
-    Parameters
-    ----------
-    data, whole, structure, settings, voting
-        As of `fit_equation_by_equation`.
     known : KnownActuator, optional
         Nothing is searched for then.
 

@@ -17,7 +17,7 @@ from quadid_logs.identify.model import discrete_of
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import ACCELERATION_SYMBOLS, AXES, ON_AXIS, RATE_SYMBOLS
 
-_AXES: Final = 3
+_NUMBERS: Final = np.arange(3)
 
 
 def with_axis_of(model: Model, other: Model, axis: int, data: FlightData) -> Model:
@@ -68,7 +68,7 @@ def with_axis_of(model: Model, other: Model, axis: int, data: FlightData) -> Mod
         inertia=None if data.input is None else inertia_of(estimate, parameters, data.input),
         discrete=discrete_of(model.states, model.regressors, A, B, data.sample_period_s),
         fit=_series(model.fit, other.fit, axis),
-        change=_columns(model.change, other.change, axis),
+        change=_change(model.change, other.change, axis),
         posterior=posterior,
     )
 
@@ -103,20 +103,15 @@ def _row(first: FloatArray, second: FloatArray, axis: int) -> FloatArray:
     return np.where(np.arange(len(first))[:, np.newaxis] == axis, second, first)
 
 
-def _column(first: FloatArray | None, second: FloatArray | None, axis: int) -> FloatArray | None:
-    """Return the first array (..., 3) with one column from the second."""
-    return None if first is None or second is None else np.where(np.arange(_AXES) == axis, second, first)
-
-
-def _columns(first: ChangeCheck | None, second: ChangeCheck | None, axis: int) -> ChangeCheck | None:
-    """Return a check with its arrays of one axis from another one."""
+def _change(first: ChangeCheck | None, second: ChangeCheck | None, axis: int) -> ChangeCheck | None:
+    """Return a check with its numbers of one axis from another one."""
     if first is None or second is None:
         return None
-    arrays: dict[str, Any] = {
-        each.name: _column(getattr(first, each.name), getattr(second, each.name), axis)
-        for each in fields(first)
+    names = [each.name for each in fields(first)]
+    changes: dict[str, Any] = {
+        name: np.where(axis == _NUMBERS, getattr(second, name), getattr(first, name)) for name in names
     }
-    return replace(first, **arrays)
+    return replace(first, **changes)
 
 
 def _series(first: FitSeries | None, second: FitSeries | None, axis: int) -> FitSeries | None:
@@ -127,5 +122,5 @@ def _series(first: FitSeries | None, second: FitSeries | None, axis: int) -> Fit
     changes: dict[str, Any] = {}
     for name in ("acceleration", "modelled_acceleration", "rate", "simulated_rate"):
         own = np.interp(at, known, getattr(second, name)[:, axis])
-        changes[name] = _column(getattr(first, name), own[:, np.newaxis], axis)
+        changes[name] = np.where(axis == _NUMBERS, own[:, np.newaxis], getattr(first, name))
     return replace(first, **changes)

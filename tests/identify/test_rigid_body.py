@@ -11,7 +11,7 @@ from quadid_logs.data.model import Identification, Model
 from quadid_logs.data.settings import IdentifySettings
 from quadid_logs.identify import identify, rigid_body
 from quadid_logs.identify.design import build_design
-from quadid_logs.identify.equation_by_equation import fit_equation_by_equation
+from quadid_logs.identify.equation_by_equation import checked, fit_unchecked
 from quadid_logs.identify.fit import PooledFit
 from quadid_logs.identify.structures import DAMPED, RIGID_BODY
 from quadid_logs.maths.rotational_dynamics import PRODUCTS, gyroscopic_matrix
@@ -122,7 +122,7 @@ def parts() -> tuple[rigid_body._Body, rigid_body._Rows, np.ndarray]:
     structure = RIGID_BODY.known(("L", "M", "N"))
     whole = build_design(flight, 5.0, (DAMPED, structure))
     assert whole is not None
-    first = fit_equation_by_equation(flight, whole, DAMPED, IdentifySettings())
+    first = checked(fit_unchecked(flight, whole, DAMPED, IdentifySettings()))
     body = rigid_body._Body.of(structure, first.model.design, calibrated=True)
     return body, rigid_body._rows(body, structure, first.model), rigid_body._start(body, first)
 
