@@ -17,9 +17,9 @@ from quadid_logs.control.autotune import forecast
 from quadid_logs.control.closed_loop import open_loop
 from quadid_logs.control.command_units import per_command
 from quadid_logs.control.documented import within_documented
-from quadid_logs.control.first_step import first_step
+from quadid_logs.control.first_step import first_step, quieter_step
 from quadid_logs.control.guard import Case
-from quadid_logs.control.loop import Paths
+from quadid_logs.control.loop import Paths, on_rate
 from quadid_logs.control.margins import grid_hz
 from quadid_logs.control.next_flight import of_next_flight
 from quadid_logs.control.off_nominal import FlownPoint, OffNominal, conditions
@@ -115,11 +115,11 @@ def recommend(
     if filters:
         wishes = FilterWishes() if hidden else _filter_wishes(result, parameters)
     tuned = tune_axes(known, limits, apart=apart, filters=wishes)
+    tuned = {axis: _not_bare(result, axis, one, known[axis].case) for axis, one in tuned.items()}
+    if wishes is not None:
+        tuned = _quieter(result, known, tuned, wishes)
     return Tuning(
-        axes={
-            axis: within_documented(axis, _not_bare(result, axis, one, known[axis].case), tunable.axes[axis])
-            for axis, one in tuned.items()
-        },
+        axes={axis: within_documented(axis, one, tunable.axes[axis]) for axis, one in tuned.items()},
         limits=limits,
         ranges=ranges,
     )
@@ -154,8 +154,30 @@ def _not_bare(result: Result, axis: str, tuned: AxisTuning, case: Case) -> AxisT
     seen = None if result.health is None else result.health.oscillation
     if tuned.verdict != "refused" or seen is None or seen.may_be_folded:
         return tuned
-    mine = next((one for one in seen.axes if one.axis == axis and one.dominates), None)
+    mine = next((one for one in seen.axes if one.axis == axis and one.drives_outputs), None)
     return tuned if mine is None else first_step(tuned, mine, case.names, case.parameters)
+
+
+def _quieter(
+    result: Result, known: Mapping[str, Axis], tuned: dict[str, AxisTuning], wishes: FilterWishes
+) -> dict[str, AxisTuning]:
+    """Return a first step by rule where every axis is refused and the command is full of noise."""
+    seen = None if result.health is None else result.health.command_noise
+    every_refused = set(tuned) == set(AXES) and all(one.verdict == "refused" for one in tuned.values())
+    if seen is None or seen.level != "severe" or not every_refused:
+        return tuned
+    fast_hz = seen.frequency_hz[seen.frequency_hz > seen.above_hz]
+
+    def noise(axis: str, filters: Mapping[str, float]) -> float:
+        """Return what filters leave of the noise: there, no loop is closed any more."""
+        flown, other = known[axis].case.controller, known[axis].rebuild(filters)
+        if axis not in seen.axes or flown is None or other is None:
+            return 0.0
+        passed = np.abs(on_rate(other, fast_hz) / on_rate(flown, fast_hz)) ** 2
+        left = seen.axes[axis].density[-fast_hz.size :] * passed
+        return float(np.sqrt(np.sum(left) * seen.frequency_hz[0]))
+
+    return quieter_step(tuned, wishes.choices, known[AXES[0]].case.parameters, noise)
 
 
 @once

@@ -3,7 +3,8 @@
 Vehicles whose filters are bad in one of four ways (too much, too little, a notch at a wrong place, none at
 all) are flown with rotors that shake the gyro and a part of the frame that rings, and tuned from their logs
 at most three times, with filters changed and with filters left as they flew. What gusts make of the attitude
-and noise of the command is that of the true loop.
+and noise of the command is that of the true loop. Two more are in trouble: vibration takes the motors of one
+to their limits, and roll of the other is in a limit cycle.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import argparse
 import dataclasses
 import math
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -24,13 +25,14 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.autopilots.ardupilot.controller import AXIS_NAMES
 from quadid_logs.control.loop import close
 from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
+from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD
-from quadid_logs.simulator import Scenario, fly, manoeuvres, plan_flights
+from quadid_logs.simulator import Scenario, airframes, fly, manoeuvres, plan_flights
 from quadid_logs.simulator.closed_loop import Noise, Setup, final_gains
 from quadid_logs.simulator.closed_loop import Tuning as Gains
 from quadid_logs.simulator.control import TrackingNotch
-from quadid_logs.simulator.effects import disturbance_density
-from quadid_logs.simulator.logger import log_flights
+from quadid_logs.simulator.effects import Effects, disturbance_density
+from quadid_logs.simulator.logger import Logging, log_flights
 from quadid_logs.simulator.true_loop import true_controller, true_plant
 from quadid_logs.simulator.wind import Wind
 from quadid_logs.tuning import recommend
@@ -40,13 +42,17 @@ from study.draw import draw_flight
 from study.structural import log_uniform
 from study.tuning import fly_missing, read, resting_truth
 
-#: A loop of this rate, logged at every step [Hz].
-_RATE_HZ: Final = 400.0
+#: A loop of this rate, which is that of the gyro, logged at every step [Hz].
+_RATE_HZ: Final = 1000.0
 _DURATION_S: Final = 24.0
 _N_CHANGES: Final = 3
 _MOST_FLIGHTS: Final = 4
+#: Factor on the gains of roll that is beyond its limit of stability.
+_LIMIT_CYCLE: Final = 14.0
 _GENTLER: Final = 0.6
 _FULLER: Final = 2.0
+#: Vehicles in trouble.
+TROUBLE: Final = ("vibrating 500", "limit cycle of a 450")
 #: The ways in which filters are bad.
 KINDS: Final = ("too much", "too little", "wrong notch", "none")
 _GUSTS_HZ: Final = (0.05, 60.0)
@@ -186,7 +192,7 @@ def _noise(setup: Setup, controller: Any, plant: Any) -> float:
         (rotor_hz, setup.noise.rotor_line_rad_s),
         (setup.noise.frame_line_hz, setup.noise.frame_line_rad_s),
     )
-    power += sum(float(gain(np.array([at_hz]))[0]) * rms**2 for at_hz, rms in lines)
+    power += sum(float(gain(np.array([at_hz]))[0]) * rms**2 for at_hz, rms in lines if rms > 0.0)
     return math.sqrt(power)
 
 
@@ -203,16 +209,73 @@ def measure(seed: int, number: int) -> dict[str, Any]:
         Ready for JSON.
     """
     scenario, begin, kind = draw_vehicle(seed, number)
-    told: dict[str, Any] = {"number": number, "seed": seed, "kind": kind}
-    for way in ("gains", "filters"):
+    told = {"number": number, "seed": seed, "kind": kind}
+    return told | _tuned(scenario, begin, 1000 * seed + 10 * number, ("gains", "filters"))
+
+
+def measure_trouble(seed: int, number: int) -> dict[str, Any]:
+    """Fly and tune, with filters, one vehicle that is in trouble.
+
+    Parameters
+    ----------
+    seed, number : int
+
+    Returns
+    -------
+    dict
+        Ready for JSON.
+    """
+    scenario, begin = vehicle_in_trouble(TROUBLE[number])
+    told = {"number": number, "seed": seed, "kind": TROUBLE[number]}
+    return told | _tuned(scenario, begin, 1000 * seed + 10 * number, ("filters",))
+
+
+def vehicle_in_trouble(name: str) -> tuple[Scenario, Flown]:
+    """Return a vehicle of `TROUBLE` and how it is set."""
+    shaken = name == TROUBLE[0]
+    scenario = Scenario(
+        name=name,
+        sentence="",
+        airframe=(lambda: airframes.scaled(airframes.quad_x(), 500.0 / 450.0))
+        if shaken
+        else airframes.quad_x,
+        manoeuvre=partial(manoeuvres.multisine, rms_rad_s=(0.5, 0.5, 0.35)),
+        duration_s=_DURATION_S,
+        wind=Wind(),
+        noise=Noise(
+            gyro_rad_s_per_rthz=3.0e-4, rotor_line_rad_s=0.4, frame_line_rad_s=0.4, frame_line_hz=70.0
+        )
+        if shaken
+        else Noise(rotor_line_rad_s=0.02),
+        effects=Effects(disturbance_rad_s2=(_GUST_RAD_S2, _GUST_RAD_S2, 0.5 * _GUST_RAD_S2)),
+        logging=Logging(rate_hz=_RATE_HZ, jitter_s=5e-6, drop_fraction=0.0),
+    )
+    # Gains that suit the vehicle behind ordinary filters; those of roll fourteen times too high.
+    flown = (
+        Flown(80.0, None, (80.0,) * 3, np.zeros((4, 3)))
+        if shaken
+        else Flown(40.0, None, (20.0,) * 3, np.zeros((4, 3)))
+    )
+    behind = flown._replace(gyro_hz=30.0 if shaken else 40.0, derivative_hz=(20.0,) * 3)
+    gains = _gains(_setup(scenario, behind, 0, np.ones((4, 3))))
+    if not shaken:
+        gains[:3, 0] *= _LIMIT_CYCLE
+    return scenario, flown._replace(gains=gains)
+
+
+def _tuned(scenario: Scenario, begin: Flown, seed: int, ways: Sequence[str]) -> dict[str, Any]:
+    """Fly and tune a vehicle in some ways."""
+    told: dict[str, Any] = {}
+    # Every way begins with the same flight.
+    analysed: dict[str, Result] = {}
+    for way in ways:
         flown, steps, air = begin, [judged(_setup(scenario, begin, 0))], scenario
         reasons = []
         for count in range(_MOST_FLIGHTS):
-            setup = _setup(air, flown, 1000 * seed + 10 * number + count)
-            with tempfile.TemporaryDirectory() as folder:
-                path = Path(folder) / "flight.bin"
-                write_log(log_flights((fly(setup),), scenario.logging), path)
-                tuning = recommend(analyze(path), filters=way == "filters")
+            key = repr((count, air.manoeuvre, flown._replace(gains=flown.gains.tolist())))
+            if key not in analysed:
+                analysed[key] = _analysed(_setup(air, flown, seed + count), scenario)
+            tuning = recommend(analysed[key], filters=way == "filters")
             codes = {axis: [one.code for one in found.reasons] for axis, found in tuning.axes.items()}
             reasons.append(codes)
             values = {name: one.next for name, one in tuning.changes.items()}
@@ -236,6 +299,13 @@ def measure(seed: int, number: int) -> dict[str, Any]:
             "settings": [flown.gyro_hz, flown.derivative_hz, flown.notch],
         }
     return told
+
+
+def _analysed(setup: Setup, scenario: Scenario) -> Result:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "flight.bin"
+        write_log(log_flights((fly(setup),), scenario.logging), path)
+        return analyze(path)
 
 
 def _scaled(manoeuvre: Any, factors: tuple[float, ...]) -> Any:
@@ -299,6 +369,23 @@ def table(vehicles: list[dict[str, Any]]) -> Iterator[str]:
         yield f"| {kind} | {len(some)} | {' | '.join(columns)} | {at_least} | {100.0 * kept:.0f} % |"
 
 
+def trouble_table(vehicles: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield the lines of the table of the vehicles in trouble, before and after each change."""
+    yield "| vehicle | changes | gust error [deg] | noise [% of the command] | least margin over its limit |"
+    yield "|---|---|---|---|---|"
+    columns = (("gusts_rad", math.degrees(1.0)), ("noise", 100.0), ("spare", 1.0))
+    for one in vehicles:
+        for count, step in enumerate(one.get("filters", {}).get("steps", ())):
+            # What gusts and noise make of a loop that is unstable is no number.
+            cells = (
+                ", ".join(
+                    f"{factor * step[axis][name]:.2g}" if step[axis]["spare"] else "unstable" for axis in AXES
+                )
+                for name, factor in columns
+            )
+            yield f"| {one['kind']} | {count} | {' | '.join(cells)} |"
+
+
 def _spread(ratios: Iterable[float]) -> str:
     """Return the median of ratios, and the ends of their range."""
     each = list(ratios)
@@ -315,17 +402,24 @@ def main() -> int:
     parser.add_argument(
         "--output", type=Path, default=ROOT / "build" / "filters", help="default build/filters"
     )
-    parser.add_argument("--publish", action="store_true", help="write docs/tuning/filters.md from the result")
+    parser.add_argument(
+        "--publish", action="store_true", help="write both tables of docs/tuning from the result"
+    )
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
     path = options.output / f"seed-{options.seed}.jsonl"
     fly_missing(path, options.seed, options.vehicles, 1, measure)
     vehicles = [one for one in read(path) if one["number"] < options.vehicles]
-    text = "\n".join(table(vehicles)) + "\n"
-    print(text)
-    if options.publish:
-        (ROOT / "docs" / "tuning" / "filters.md").write_text(text, encoding="utf-8")
-    return 1 if any("error" in one for one in vehicles) else 0
+    other = options.output / f"trouble-{options.seed}.jsonl"
+    fly_missing(other, options.seed, len(TROUBLE), 1, measure_trouble)
+    troubled = sorted(read(other), key=lambda one: int(one["number"]))
+    pages = {"filters": table(vehicles), "trouble": trouble_table(troubled)}
+    for name, lines in pages.items():
+        text = "\n".join(lines) + "\n"
+        print(text)
+        if options.publish:
+            (ROOT / "docs" / "tuning" / f"{name}.md").write_text(text, encoding="utf-8")
+    return 1 if any("error" in one for one in (*vehicles, *troubled)) else 0
 
 
 if __name__ == "__main__":

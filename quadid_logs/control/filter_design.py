@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from types import MappingProxyType
@@ -34,6 +34,9 @@ _MOST_ROUNDS: Final = 4
 WORTH: Final = 0.10
 #: Less than this part of a cut-off is no change, nor of what is to be small.
 SAME: Final = 0.02
+#: An axis may lose this part of gust error or noise to others: effectiveness is not the same within 5 % from
+#: flight to flight, so that no flight would tell it.
+MOST_LOST: Final = 0.05
 #: At a line that stands, filters alone let pass no more than as flown, but for rounding: half a decibel.
 #: It may be a mode of the frame, which raises the loop by up to 27 dB (docs/loop.md): below, it closes none.
 _AT_LINES: Final = 1.06
@@ -47,8 +50,20 @@ _AUGMENTED: Final = 0.1
 _ENOUGH: Final = 100.0
 
 
-def together(new: Quick, alone: Quick, too_noisy: float) -> float:
-    """Return what gains behind other filters make of gust error and noise, against gains alone.
+class Together(NamedTuple):
+    """What gains behind other filters make of gust error and noise, against gains alone.
+
+    ``worse`` is the larger of both ratios, as a logarithm with a part of their sum, ``won`` their sum, and
+    ``lost`` what is more with other filters.
+    """
+
+    worse: float
+    won: float
+    lost: float
+
+
+def together(new: Quick, alone: Quick, too_noisy: float) -> Together:
+    """Hold gains behind other filters against gains alone.
 
     What is won is shared: of the two ratios the larger one counts, by the augmented Chebyshev norm (R. E.
     Steuer and E.-U. Choo, 1983).
@@ -58,19 +73,14 @@ def together(new: Quick, alone: Quick, too_noisy: float) -> float:
     new, alone : Quick
     too_noisy : float
         Noise as flown over what is accepted, NaN where the log does not tell it.
-
-    Returns
-    -------
-    float
-        A logarithm: zero for gains alone, and much for what leaves more of either.
     """
     least = _LEAST_NOISE / too_noisy if too_noisy > 0.0 else sys.float_info.min
     ratios = [math.log(new.cost / alone.cost), math.log(max(new.noise, least) / max(alone.noise, least))]
-    lost = sum(max(one - SAME, 0.0) for one in ratios)
+    lost = max(*ratios, 0.0)
     if alone.noise <= least or not too_noisy > 0.0:
         # There is no noise to be won, or nobody knows it.
         ratios.pop()
-    return max(ratios) + _AUGMENTED * sum(ratios) + PENALTY * lost
+    return Together(max(ratios) + _AUGMENTED * sum(ratios), sum(ratios), lost)
 
 
 class Filterable(Protocol):
@@ -144,8 +154,8 @@ def design_filters(
     still_hz: Sequence[float],
     *,
     shared: bool,
-) -> Changes | None:
-    """Choose settings of the filters: those with the least of gust error and noise, over all axes.
+) -> Iterator[Changes]:
+    """Yield settings of the filters for each choice of notches, the least gust error and noise first.
 
     Parameters
     ----------
@@ -159,12 +169,17 @@ def design_filters(
     shared : bool
         Filters of all axes may be changed: every axis is known.
 
-    Returns
-    -------
-    Changes or None
-        None where nothing is clearly better than the flown ones.
+    Yields
+    ------
+    Changes
+        Only what is clearly better than the flown ones. The whole search for gains may turn the first one
+        down.
     """
-    return _Design(axes, choices, parameters, still_hz).found(shared=shared)
+    yield from _Design(axes, choices, parameters, still_hz).found(shared=shared)
+
+
+#: An axis and its filters.
+_Key = tuple[str, frozenset[tuple[str, float]]]
 
 
 class _LowPass(NamedTuple):
@@ -186,19 +201,21 @@ class _Design:
         self._axes, self._choices, self._parameters = axes, choices, parameters
         self._still_hz = still_hz
         self._alone: dict[str, Quick] = {}
-        self._known: dict[tuple[str, frozenset[tuple[str, float]]], Quick | None] = {}
+        self._known: dict[_Key, Quick | None] = {}
+        self._confirmed: set[_Key] = set()
         self._trials: dict[str, list[FilterTrial]] = {axis: [] for axis in axes}
 
-    def found(self, *, shared: bool) -> Changes | None:
-        """Return the settings: each set of notches with low-passes that suit it, then the best of these."""
+    def found(self, *, shared: bool) -> Iterator[Changes]:
+        """Yield the settings: each set of notches with low-passes that suit it, the best of these first."""
         for axis, search in self._axes.items():
             best = search.best()
             if best is None:
-                return None
+                return
             alone, factors = best
             # Where no gains keep the limits, what flies.
             kept = factors if alone.keeps(factors) else dict.fromkeys(factors, 1.0)
             self._known[axis, frozenset()] = self._alone[axis] = alone.told_of(kept)
+            self._confirmed.add((axis, frozenset()))
         begin = _State(found=self._alone)
         low_passes = [
             _LowPass(axis, cutoffs, (axis,))
@@ -210,11 +227,13 @@ class _Design:
             every = tuple(self._axes)
             low_passes = [_LowPass("", cutoffs, every) for cutoffs in self._choices.shared] + low_passes
             notched = (replace(begin, shared=dict(notches)) for notches in self._choices.notches)
-            states += [one for state in notched if (one := self._with(state, every)) is not None]
+            states += [self._sure(one) for state in notched if (one := self._with(state, every)) is not None]
         first, last = _STEPS
         coarse = [self._settled(state, low_passes, first) for state in states]
-        state = self._settled(min(coarse, key=self._total), low_passes, last)
-        return self._worth(state)
+        for state in sorted(coarse, key=self._total):
+            found = self._worth(self._settled(state, low_passes, last))
+            if found is not None:
+                yield found
 
     def _settled(self, state: _State, low_passes: Sequence[_LowPass], step: float) -> _State:
         """Move low-passes down and up by a step while that helps."""
@@ -225,9 +244,12 @@ class _Design:
                     moved = self._moved(state, one, scale)
                     if moved is not None and not one.axis:
                         moved = self._countered(moved, one, low_passes, scale)
-                    if moved is not None and self._total(moved) < self._total(state) - SAME:
-                        state = moved
-                        break
+                    # Only what looks better is looked at twice.
+                    if moved is not None and self._is_better(moved, state):
+                        moved = self._sure(moved)
+                        if self._is_better(moved, state):
+                            state = moved
+                            break
             if state is before:
                 break
         return state
@@ -241,9 +263,12 @@ class _Design:
         """
         for one in low_passes:
             other = None if one is shared else self._moved(state, one, 1.0 / scale)
-            if other is not None and self._total(other) < self._total(state) - SAME:
+            if other is not None and self._is_better(other, state):
                 state = other
         return state
+
+    def _is_better(self, new: _State, old: _State) -> bool:
+        return self._total(new) < self._total(old) - SAME
 
     def _moved(self, state: _State, low_pass: _LowPass, scale: float) -> _State | None:
         """Return the state with cut-offs times a scale, None where that moves none or leaves no gains."""
@@ -269,14 +294,29 @@ class _Design:
         """Return the state with the best gains behind its filters; None where some axis has none."""
         found = dict(state.found)
         for axis in axes:
-            filters = {**state.shared, **state.own.get(axis, {})}
-            key = (axis, frozenset(filters.items()))
+            key, filters = self._key(state, axis)
             if key not in self._known:
                 self._known[key] = self._quick(axis, filters, state.found[axis].factors)
             if (quick := self._known[key]) is None:
                 return None
             found[axis] = quick
         return replace(state, found=found)
+
+    def _sure(self, state: _State) -> _State:
+        """Return the state with gains that the vehicles bear which decide behind its filters."""
+        found = dict(state.found)
+        for axis, rough in state.found.items():
+            key, filters = self._key(state, axis)
+            search = None if key in self._confirmed else self._axes[axis].filtered(filters)
+            if search is not None:
+                self._known[key] = search.confirmed(rough)
+            self._confirmed.add(key)
+            found[axis] = self._known[key] or rough
+        return replace(state, found=found)
+
+    def _key(self, state: _State, axis: str) -> tuple[_Key, dict[str, float]]:
+        filters = {**state.shared, **state.own.get(axis, {})}
+        return (axis, frozenset(filters.items())), filters
 
     def _quick(self, axis: str, filters: Mapping[str, float], begin: Mapping[str, float]) -> Quick | None:
         search = self._axes[axis].filtered(filters)
@@ -299,15 +339,18 @@ class _Design:
         total = 0.0
         for axis, found in state.found.items():
             alone = self._alone[axis]
-            total += together(found, alone, self._axes[axis].too_noisy)
+            both = together(found, alone, self._axes[axis].too_noisy)
+            total += both.worse + PENALTY * max(both.lost - MOST_LOST, 0.0)
             total += min(PENALTY * max(found.missing - alone.missing, 0.0), _ENOUGH)
         return total
 
     def _worth(self, state: _State) -> Changes | None:
         """Return the changes where they bring as much as a change of gains is to bring."""
-        if not (state.shared or any(state.own.values())) or self._total(state) > -WORTH:
-            return None
         both = [(axis, found, self._alone[axis]) for axis, found in state.found.items()]
+        won = sum(together(new, old, self._axes[axis].too_noisy).won for axis, new, old in both)
+        # Where an axis loses too much, the sum of what is to be small is above that of the flown ones.
+        if not (state.shared or any(state.own.values())) or won > -WORTH or self._total(state) > 0.0:
+            return None
         # What was looked at, the flown setting first and the chosen one last.
         trials = {}
         for axis, one in self._axes.items():

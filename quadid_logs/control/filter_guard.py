@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
-from quadid_logs.control.filter_design import SAME, WORTH
+from quadid_logs.control.filter_design import MOST_LOST, WORTH, Together
 from quadid_logs.data.tuning import AxisTuning
 from quadid_logs.diagnose.findings import finding
 
@@ -19,7 +19,7 @@ class Refiltered(NamedTuple):
     """
 
     tuning: AxisTuning
-    in_the_end: float
+    in_the_end: Together
 
 
 def is_no_worse(filtered: Refiltered, alone: AxisTuning) -> bool:
@@ -37,12 +37,12 @@ def is_no_worse(filtered: Refiltered, alone: AxisTuning) -> bool:
     """
     # An axis that is refused stays as it flew.
     most = 1.0 if alone.verdict == "refused" else max(1.0, alone.attitude_error)
-    return filtered.in_the_end <= SAME and filtered.tuning.attitude_error <= most
+    return filtered.in_the_end.lost <= MOST_LOST and filtered.tuning.attitude_error <= most
 
 
 def are_worth_it(together: Iterable[Refiltered]) -> bool:
     """Tell whether filters that change together bring as much in the end as a change of gains is to bring."""
-    return sum(one.in_the_end for one in together) <= -WORTH
+    return sum(one.in_the_end.won for one in together) <= -WORTH
 
 
 def with_flown_filters(axis: str, alone: AxisTuning) -> AxisTuning:

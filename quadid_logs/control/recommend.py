@@ -156,10 +156,11 @@ def tune_axes(
         changed: dict[str, AxisTuning] = {}
         if known:
             parameters = next(iter(known.values())).parameters
-            setting = design_filters(
+            settings = design_filters(
                 known, filters.choices, parameters, filters.still_hz, shared=set(known) == set(AXES)
             )
-            changed = {} if setting is None else _filter_steps(known, tuned, setting)
+            borne = (steps for one in settings if (steps := _filter_steps(known, tuned, one)))
+            changed = next(borne, {})
         tuned = {axis: changed.get(axis) or with_flown_filters(axis, one) for axis, one in tuned.items()}
     tuned = {axis: _with_off_nominal(axes[axis], one, limits) for axis, one in tuned.items()}
     for axis, found in tuned.items():
@@ -243,7 +244,7 @@ def _filter_steps(
         every = [search.with_filters(one) for one in both]
         good = [one for one in every if one is not None and is_no_worse(one, alone[axis])]
         if good:
-            known[axis] = min(good, key=lambda one: one.in_the_end)
+            known[axis] = min(good, key=lambda one: one.in_the_end.worse)
     # What all axes share changes for all of them, or not at all.
     if not found.shared:
         known = {axis: one for axis, one in known.items() if are_worth_it([one])}

@@ -655,20 +655,26 @@ class SeparateGains:
         return float(self._gusts.attitude_rad(whole)[0] / self._flown_error_rad)
 
     def quick(self, begin: Mapping[str, float]) -> Quick:
-        """Search roughly from some factors, around the vehicles that decide at these and at what is found.
+        """Search roughly from some factors, around the vehicles that decide behind the flown filters.
 
-        To rank filters by.
+        To rank filters by; `confirmed` looks at those behind these.
         """
         self._decisive[0][0], self._latest = True, None
+        return self._rough(begin)
+
+    def confirmed(self, found: Quick) -> Quick:
+        """Search on from what `quick` found, around the vehicles that decide there too."""
+        self._decisive[0][0], self._latest = True, None
+        if not self._add_decisive(found.factors):
+            return found
+        # What they do not bear is left to the whole search.
+        other = self._rough(found.factors)
+        return other if other.missing == 0.0 else found
+
+    def _rough(self, begin: Mapping[str, float]) -> Quick:
         bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
         near = {name: float(np.clip(one, *bounds[name])) for name, one in begin.items()}
-        found = self._search([near], bounds, np.inf, rough=True)
-        first = self.told_of(found)
-        if not self._add_decisive(found):
-            return first
-        # Behind other filters, other vehicles decide; those that bear no gains are left to the whole search.
-        second = self.told_of(self._search([found], bounds, np.inf, rough=True))
-        return second if second.missing == 0.0 else first
+        return self.told_of(self._search([near], bounds, np.inf, rough=True))
 
     def told_of(self, factors: Mapping[str, float]) -> Quick:
         """Tell what factors cost, how noisy they are, and what they miss, around the decisive vehicles."""

@@ -1168,6 +1168,16 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 scope="gains",
             ),
             _entry(
+                "QL649",
+                "A first step by rule, for a vehicle whose command is full of noise",
+                "No axis has a model that can be trusted, and noise above 40 Hz makes more than a tenth of "
+                "the command's range. Cut-offs of low-pass filters are halved, and never go below the "
+                "firmware's defaults. A notch goes to the line that matters most. No margin is promised.",
+                "Load the file, hover low for a short time, and run tune on that log. If the vehicle "
+                "wobbles, load the back file. Balance the propellers.",
+                scope="gains",
+            ),
+            _entry(
                 "QL645",
                 "The log does not rule out that the frame bends",
                 "A frame that bends above the fitted band would take gain margin. This log is too slow, "

@@ -410,8 +410,8 @@ class AxisOscillation:
     line : Line
     setpoint_share : float
         Size of the set-point over that of the rate at this frequency.
-    power_share : float
-        Of all that the rate does, by its square.
+    power_share, output_share : float
+        Of all that the rate and the output do, by their squares.
     overtone : bool
         It is a multiple of a stronger oscillation of another axis, which makes it.
     rate_loop : bool
@@ -422,6 +422,7 @@ class AxisOscillation:
     line: Line
     setpoint_share: float = 0.0
     power_share: float = 0.0
+    output_share: float = 0.0
     overtone: bool = False
     rate_loop: bool = True
 
@@ -429,6 +430,12 @@ class AxisOscillation:
     def dominates(self) -> bool:
         """Whether the axis does more of this than of all else: nothing but its own loop does that."""
         return self.power_share > _MORE_THAN_ALL_ELSE and not self.overtone
+
+    @property
+    def drives_outputs(self) -> bool:
+        """Whether the rate loop's output does more of this than of all else, or the rate does."""
+        of_output = self.output_share > _MORE_THAN_ALL_ELSE and self.loop is OscillatingLoop.RATE
+        return self.dominates or (of_output and not self.overtone)
 
     @property
     def loop(self) -> OscillatingLoop:

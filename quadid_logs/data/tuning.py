@@ -170,11 +170,14 @@ class FilterChoices:
         Cut-offs of low-pass filters of a single axis, by axis.
     notches : tuple of mapping of str to float
         Complete notch settings for all axes, by parameter.
+    defaults : mapping of str to float
+        Cut-offs of these low-pass filters that the firmware comes with [Hz], as far as they are known.
     """
 
     shared: tuple[Cutoffs, ...] = ()
     own: Mapping[str, tuple[Cutoffs, ...]] = field(default_factory=dict)
     notches: tuple[Mapping[str, float], ...] = ()
+    defaults: Mapping[str, float] = field(default_factory=dict)
 
 
 def written_hz(value: float) -> float:
@@ -225,6 +228,10 @@ class FilterTrial(NamedTuple):
     phase_deg: float
     noise: float
     attitude_error: float
+
+
+#: What says that a step follows from a rule.
+_BY_RULE: Final = ("QL648", "QL649")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -283,7 +290,7 @@ class AxisTuning:
     @property
     def by_rule(self) -> bool:
         """Whether the recommendation follows from a rule and not from a model; it then has no promise."""
-        return self.verdict == "change" and bool(self.reasons) and self.reasons[0].code == "QL648"
+        return self.verdict == "change" and bool(self.reasons) and self.reasons[0].code in _BY_RULE
 
     @property
     def changes(self) -> Mapping[str, GainChange]:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from quadid_logs.align.series import CleanSeries, Interval
-from quadid_logs.data.health import AxisOscillation, LineSource, OscillatingLoop, Oscillation
+from quadid_logs.data.health import AxisOscillation, Line, LineSource, OscillatingLoop, Oscillation
 from quadid_logs.health.noise import LOOPS_END_HZ, LOWEST_HZ, is_commanded, may_be_folded
 from quadid_logs.health.records import records
 from quadid_logs.health.spectra import Periodograms, find_lines, periodograms
@@ -78,12 +78,19 @@ def find_oscillation(
                 axis=axis,
                 line=replace(line, source=LineSource.LOOP),
                 setpoint_share=_share(spectra, setpoint, intervals, column, line.frequency_hz),
-                power_share=line.rms**2 / (float(spectra.mean[:, column].sum()) * step_hz),
+                power_share=_part(spectra, column, line),
+                output_share=sum(_part(spectra, len(AXES) + column, one) for one in same),
                 rate_loop=rate_loop,
             )
             for line in in_rate
             if line.share >= _LASTS
-            and any(abs(line.frequency_hz - one.frequency_hz) <= _SAME_BINS * step_hz for one in in_output)
+            and (
+                same := [
+                    one
+                    for one in in_output
+                    if abs(line.frequency_hz - one.frequency_hz) <= _SAME_BINS * step_hz
+                ]
+            )
         ]
     found.sort(key=lambda one: -one.line.rms)
     for place, one in enumerate(found):
@@ -102,6 +109,11 @@ def find_oscillation(
         highest_hz=shown_hz,
         may_be_folded=folded,
     )
+
+
+def _part(spectra: Periodograms, column: int, line: Line) -> float:
+    """Return how much of a column's power is in a line."""
+    return line.rms**2 / (float(spectra.mean[:, column].sum()) * float(spectra.frequency_hz[1]))
 
 
 def _share(

@@ -197,6 +197,7 @@ def _oscillation(oscillation: Oscillation) -> dict[str, Any]:
                 "loop": one.loop.value,
                 "setpoint_share": Quantity(one.setpoint_share, "1"),
                 "power_share": Quantity(one.power_share, "1"),
+                "output_share": Quantity(one.output_share, "1"),
                 "overtone": one.overtone,
             }
             for one in oscillation.axes

@@ -114,7 +114,7 @@ def _hint(result: Result, health: Health) -> str:
     for axis in dict.fromkeys(one.axis for one in health.oscillation.axes):
         mine = next(one for one in health.oscillation.axes if one.axis == axis)
         hint = _HINTS.get(tuned[axis].direction, "") if axis in tuned else ""
-        if axis in tuned and tuned[axis].by_rule:
+        if axis in tuned and tuned[axis].by_rule and tuned[axis].gains:
             hint = "No model gives its gains. `{tune}` writes a first step by rule: half of the gains."
         hint = hint.format(tune=on_log(result, "tune"))
         # What predicts this frequency: the model's rate loop, a mode of the frame, or the motors' limits.

@@ -50,8 +50,11 @@ class Biquad(NamedTuple):
 
 
 def butterworth(cutoff_hz: float, sample_rate_hz: float) -> Biquad:
-    """Return ArduPilot's DigitalBiquadFilter (LowPassFilter2p.cpp), the same as PX4's LowPassFilter2p."""
-    ohm = math.tan(math.pi * cutoff_hz / sample_rate_hz)
+    """Return ArduPilot's DigitalBiquadFilter (LowPassFilter2p.cpp), the same as PX4's LowPassFilter2p.
+
+    Both use a cut-off of at most 0.4 of the sample rate.
+    """
+    ohm = math.tan(math.pi * min(cutoff_hz / sample_rate_hz, 0.4))
     c = 1.0 + 2.0 * math.cos(math.pi / 4.0) * ohm + ohm * ohm
     b0 = ohm * ohm / c
     return Biquad(

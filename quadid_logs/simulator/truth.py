@@ -119,7 +119,7 @@ def actuator_truth(setup: Setup) -> dict[str, Any]:
     extra_s = setup.delay_steps / setup.loop_hz
     # The group delay at zero frequency of the discrete filter; close to sqrt(2) / (2 pi f_c).
     filter_s = 1.0 / (
-        math.sqrt(2.0) * setup.loop_hz * math.tan(math.pi * setup.gyro_filter_hz / setup.loop_hz)
+        math.sqrt(2.0) * setup.loop_hz * math.tan(math.pi * min(setup.gyro_filter_hz / setup.loop_hz, 0.4))
     )
     return {
         "acts_on": "rotor speed",

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pytest
 
 from quadid_logs.control import recommend as recommend_module
-from quadid_logs.control.filter_design import Changes
+from quadid_logs.control.filter_design import Changes, Together
 from quadid_logs.control.filter_guard import Refiltered
 from quadid_logs.data.tuning import AxisTuning, GainChange
 from quadid_logs.tuning import recommend
@@ -23,6 +23,7 @@ def _recommended(
     monkeypatch: pytest.MonkeyPatch, chosen: Changes, in_the_end: Mapping[str, float]
 ) -> Mapping[str, AxisTuning]:
     """Return what is recommended where filters bring this much in the end, below zero for less gust error."""
+    told = {axis: Together(one, one, max(one, 0.0)) for axis, one in in_the_end.items()}
 
     def alone(search: recommend_module._Search, *_: object, **__: object) -> object:
         return AxisTuning(verdict="keep", reasons=(), attitude_error=1.0), search
@@ -30,10 +31,10 @@ def _recommended(
     def behind(search: recommend_module._Search, _: Changes) -> Refiltered:
         filters = {"FLTD": GainChange(20.0, 30.0, 30.0)}
         tuning = AxisTuning(verdict="change", reasons=(), attitude_error=0.9, filters=filters)
-        return Refiltered(tuning, in_the_end[search._case.axis])
+        return Refiltered(tuning, told[search._case.axis])
 
     monkeypatch.setattr(recommend_module, "_decided", alone)
-    monkeypatch.setattr(recommend_module, "design_filters", lambda *_, **__: chosen)
+    monkeypatch.setattr(recommend_module, "design_filters", lambda *_, **__: [chosen])
     monkeypatch.setattr(recommend_module._Search, "with_filters", behind)
     return recommend(tuned_flights.flown("ardupilot"), filters=True).axes
 

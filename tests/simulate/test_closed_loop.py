@@ -137,6 +137,11 @@ def test_the_thrust_curve_and_its_inverse_cancel(expo):
     )
 
 
+def test_a_cut_off_beyond_what_the_gyro_shows_is_two_fifths_of_its_rate():
+    """Above half of it, the filter itself would be unstable."""
+    assert butterworth(256.0, 400.0) == butterworth(160.0, 400.0)
+
+
 def test_the_gyro_filter_is_scipys_butterworth():
     """The autopilots' biquad is a bilinear second-order Butterworth with a pre-warped cut-off."""
     from scipy.signal import butter, lfilter

@@ -23,6 +23,11 @@ _GYRO: Final = (10.0, 256.0)
 #: 5 50, FLTE 0 20. There 0 is off, and what is on stays on.
 _OWN: Final = {"FLTD": (5.0, 100.0), "FLTE": (1.0, 100.0)}
 _OWN_OF_YAW: Final = {"FLTD": (5.0, 50.0), "FLTE": (1.0, 20.0)}
+#: Defaults of copters: DEFAULT_GYRO_FILTER of AP_InertialSensor.cpp, AC_ATC_MULTI_RATE_RPY_FILT_HZ of
+#: AC_AttitudeControl_Multi.h.
+_DEFAULT_HZ: Final = {"INS_GYRO_FILTER": 20.0} | {
+    f"ATC_RAT_{name}_FLTD": 20.0 for name in AXIS_NAMES.values()
+}
 #: Filter/HarmonicNotchFilter.cpp, @Range: FREQ 10 495, BW 5 250; 40 dB is the default of ATT. HMNCS has a
 #: bit for each harmonic, at least seven of them (HarmonicNotchFilter.h, AP_Int8), REF is 0 to 1.
 _FREQUENCY: Final = (10.0, 495.0)
@@ -53,6 +58,7 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
             for axis, name in AXIS_NAMES.items()
         },
         notches=tuple(_notches(log, parameters, sorted_lines(lines))),
+        defaults=_DEFAULT_HZ,
     )
 
 

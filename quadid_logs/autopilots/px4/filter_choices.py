@@ -17,6 +17,8 @@ from quadid_logs.data.tuning import FilterChoices, written_hz
 #: bears.
 _CUTOFF: Final = (10.0, 1000.0)
 _SHARED: Final = ("IMU_GYRO_CUTOFF", "IMU_DGYRO_CUTOFF")
+#: The same file, PARAM_DEFINE_FLOAT of both in the newest; older ones were lower.
+_DEFAULT_HZ: Final = {"IMU_GYRO_CUTOFF": 40.0, "IMU_DGYRO_CUTOFF": 20.0}
 #: The same file: @max of IMU_GYRO_NF0_BW and NF1_BW, and of IMU_GYRO_DNF_HMC, whose @min is 1; bit 0 of
 #: IMU_GYRO_DNF_EN is by rotor speed.
 _WIDEST_HZ: Final = 100.0
@@ -31,6 +33,7 @@ def filter_choices(log: FlightLog, parameters: Mapping[str, float], lines: Seque
     return FilterChoices(
         shared=tuple({name: ends} for name, ends in on.items()),
         notches=tuple(_notches(log, parameters, sorted_lines(lines))),
+        defaults=_DEFAULT_HZ,
     )
 
 
