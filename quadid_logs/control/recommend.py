@@ -313,7 +313,7 @@ class _Search:
         self._flown_spare = self._flown_kept.as_flown
         self._told_spare = spare(loops.first(1)._replace(known_hz=np.inf).margins(), limits)
         self._now = {name: case.parameters[name] for name in case.names.scaled}
-        self._torque = torque_spectrum(case.data, number)
+        self._torque = torque_spectrum(case.data, number, loops.controller, loops.plants.at(slice(0, 1)))
         self._gusts = residual_spectrum(model.fit, number)
         low_hz = 0.3 if model.band is None else float(model.band.low_hz[0])
         self._gust_band_hz = (low_hz, model.smoothing_hz)

@@ -865,7 +865,7 @@ class _Noise:
         if command is not None and np.isfinite(disturbed.crossover_hz):
             band = noise_band(command, disturbed.crossover_hz)
         if command is not None and band is not None:
-            at_hz, power = command.frequency_hz[band], command.density[band] * command.frequency_hz[1]
+            at_hz, power = command.frequency_hz[band], command.density[band] * command.frequency_hz[0]
             place = np.interp(at_hz, self._frequency_hz, np.arange(self._frequency_hz.size))
             before = np.minimum(place.astype(np.int64), self._frequency_hz.size - 2)
             self._power = np.zeros(self._frequency_hz.shape)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import FitSeries
 from quadid_logs.maths.band import ComplexArray
-from quadid_logs.maths.spectra import WINDOW_S, averaged_spectra
+from quadid_logs.maths.spectra import WINDOW_S, Spectra, averaged_spectra
 
 #: Fewer averages than this make no spectrum.
 _FEWEST: Final = 4
@@ -26,21 +27,27 @@ _SLOWEST_GUST_HZ: Final = 0.05
 #: vehicles indoors, between 0.1 and 10 Hz.
 _GUST_SLOPE: Final = -0.8
 _N_GUSTS: Final = 120
+#: Column of the excitation of a system-ID mode among commands.
+_INJECTED: Final = 3
+#: What a command makes of the torque is known to 3 dB.
+_MOST_MADE: Final = 2.0
 
 
 class Spectrum(NamedTuple):
-    """A one-sided density over ``frequency_hz``, both (n_frequencies,)."""
+    """A one-sided density over ``frequency_hz``, both (n_frequencies,): multiples of the first."""
 
     frequency_hz: FloatArray
     density: FloatArray
 
     def deviation(self, gain: FloatArray, band: BoolArray) -> float:
         """Return the standard deviation behind a squared gain, of what lies in a band."""
-        return float(np.sqrt(np.sum((self.density * gain)[band]) * self.frequency_hz[1]))
+        return float(np.sqrt(np.sum((self.density * gain)[band]) * self.frequency_hz[0]))
 
 
-def torque_spectrum(data: FlightData, number: int) -> Spectrum | None:
-    """Return the density of one axis' command.
+def torque_spectrum(
+    data: FlightData, number: int, controller: AxisController, plant: Plant
+) -> Spectrum | None:
+    """Return the density of one axis' command, without what pilot or system identification made of it.
 
     Parameters
     ----------
@@ -48,14 +55,45 @@ def torque_spectrum(data: FlightData, number: int) -> Spectrum | None:
         With the torque in units of the command.
     number : int
         Of the axis.
+    controller : AxisController
+        That flew.
+    plant : Plant
+        The estimate alone.
 
     Returns
     -------
     Spectrum or None
         None where no segment is long enough.
+
+    Notes
+    -----
+    What is coherent with set-points, or with torque that was injected, is no noise; but no more than the loop
+    makes of them: an attitude that was put back leaves noise in set-points that hold nothing else.
     """
     columns = [segment.torque[:, number] for segment in data.segments]
-    return _spectrum(columns, data.sample_period_s)
+    whole = _spectrum(columns, data.sample_period_s)
+    records = list(_commanded(data, number))
+    known = _spectrum([record[:, -1] for record in records], data.sample_period_s)
+    if whole is None or known is None:
+        return whole
+    loop = close(controller, plant, known.frequency_hz)
+    left = known.density
+    for place, answer in enumerate((loop.target_to_torque[0], 1.0 / (1.0 + loop.rate[0]))):
+        pairs = [(record[:, place], record[:, -1]) for record in records]
+        found = _averaged(pairs, data.sample_period_s)
+        most = _MOST_MADE * np.abs(answer) ** 2 * found.input_psd[1:]
+        left = left - np.minimum((found.coherence * found.output_psd)[1:], most)
+    return known._replace(density=np.maximum(left, 0.0))
+
+
+def _commanded(data: FlightData, number: int) -> Iterator[FloatArray]:
+    """Yield set-point, excitation and torque of an axis wherever it is known what was commanded, (n, 3)."""
+    for segment in data.segments:
+        if segment.command is None or segment.planned:
+            continue
+        injected = segment.command[:, _INJECTED:].sum(axis=1)
+        record = np.column_stack([segment.command[:, number], injected, segment.torque[:, number]])
+        yield from (record[first:after] for first, after in runs(np.isfinite(record).all(axis=1)))
 
 
 def residual_spectrum(fit: FitSeries | None, number: int) -> Spectrum | None:
@@ -82,11 +120,14 @@ def residual_spectrum(fit: FitSeries | None, number: int) -> Spectrum | None:
 def _spectrum(columns: list[FloatArray], period_s: float) -> Spectrum | None:
     if not (np.isfinite(period_s) and period_s > 0.0):
         return None
-    n = max(round(WINDOW_S / period_s), 2)
-    found = averaged_spectra(((one, one) for one in columns), period_s=period_s, n_per_segment=n)
+    found = _averaged([(one, one) for one in columns], period_s)
     if found.n_averages < _FEWEST:
         return None
     return Spectrum(found.frequency_hz[1:], found.input_psd[1:])
+
+
+def _averaged(pairs: Sequence[tuple[FloatArray, FloatArray]], period_s: float) -> Spectra:
+    return averaged_spectra(pairs, period_s=period_s, n_per_segment=max(round(WINDOW_S / period_s), 2))
 
 
 class Noise(NamedTuple):
