@@ -267,15 +267,15 @@ def _tuned(scenario: Scenario, begin: Flown, seed: int, ways: Sequence[str]) -> 
     """Fly and tune a vehicle in some ways."""
     told: dict[str, Any] = {}
     # Every way begins with the same flight.
-    analysed: dict[str, Result] = {}
+    analyzed: dict[str, Result] = {}
     for way in ways:
         flown, steps, air = begin, [judged(_setup(scenario, begin, 0))], scenario
         reasons = []
         for count in range(_MOST_FLIGHTS):
             key = repr((count, air.manoeuvre, flown._replace(gains=flown.gains.tolist())))
-            if key not in analysed:
-                analysed[key] = _analysed(_setup(air, flown, seed + count), scenario)
-            tuning = recommend(analysed[key], filters=way == "filters")
+            if key not in analyzed:
+                analyzed[key] = _analyzed(_setup(air, flown, seed + count), scenario)
+            tuning = recommend(analyzed[key], filters=way == "filters")
             codes = {axis: [one.code for one in found.reasons] for axis, found in tuning.axes.items()}
             reasons.append(codes)
             values = {name: one.next for name, one in tuning.changes.items()}
@@ -301,7 +301,7 @@ def _tuned(scenario: Scenario, begin: Flown, seed: int, ways: Sequence[str]) -> 
     return told
 
 
-def _analysed(setup: Setup, scenario: Scenario) -> Result:
+def _analyzed(setup: Setup, scenario: Scenario) -> Result:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flight.bin"
         write_log(log_flights((fly(setup),), scenario.logging), path)
