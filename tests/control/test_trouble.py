@@ -17,7 +17,7 @@ pytestmark = pytest.mark.thorough
 def _changed(name: str) -> tuple[Result, list[str], dict[str, Any]]:
     """Return what the first flight shows, the codes that decide, and the true loops after the change."""
     scenario, begin = study.vehicle_in_trouble(name)
-    result = study._analysed(study._setup(scenario, begin, 7), scenario)
+    result = study._analyzed(study._setup(scenario, begin, 7), scenario)
     tuning = recommend(result, filters=True)
     decisive = [tuning.axes[axis].reasons[0].code for axis in AXES]
     values = {parameter: one.next for parameter, one in tuning.changes.items()}
