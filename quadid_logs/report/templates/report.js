@@ -124,6 +124,9 @@
     // Drawn larger than the paper and shrunk by the style sheet, so that nothing runs into its neighbour.
     if (printing) layout.width = chart.closest(".small") ? 560 : 940;
     if (figure.over_time && shared) layout.xaxis = { ...layout.xaxis, range: [...shared], autorange: false };
+    // Names stand in the first drawing, wherever: to move them takes a tenth of what it takes to add them.
+    const names = bearers(figure.data, layout).map((trace) => endName(trace, { right: 1, place: 0.5 }));
+    layout.annotations = [...(layout.annotations || []), ...coloured(names, palette)];
     const data = printing ? figure.data.map(forPaper) : forScreen(figure);
     sayDetail(chart, figure);
     return [coloured(data, palette), layout, { ...config, displayModeBar: narrow.matches ? false : "hover" }];
@@ -148,30 +151,32 @@
 
   // Lines bear their names at their ends, in the panels at the right edge; a zoom moves the ends.
   const END_PX = 14;
+  const axisOf = (layout, name) => layout[name[0] + "axis" + name.slice(1)];
+  const bearers = (data, layout) => data.filter((trace) => trace.meta?.end && !(axisOf(layout, trace.xaxis).domain?.[1] < 0.99));
+  const endName = (trace, { right, place }) => ({
+    name: "end", text: trace.name, xref: trace.xaxis + " domain", x: right, xanchor: "left", xshift: 4, align: "left", showarrow: false,
+    yref: trace.yaxis + " domain", y: place, yanchor: "middle", font: { color: trace.line.color, size: narrow.matches ? 11 : 12 },
+  });
   const nameEnds = (chart) => {
     const { _fullLayout: full, data, layout } = chart, panels = new Map();
     const high = full.height - full.margin.t - full.margin.b;
-    for (const trace of data) {
-      const xAxis = full[trace.xaxis?.replace("x", "xaxis")], yAxis = full[trace.yaxis?.replace("y", "yaxis")];
-      if (!trace.meta?.end || xAxis.domain[1] < 0.99) continue;
+    for (const trace of bearers(data, full)) {
+      const xAxis = axisOf(full, trace.xaxis), yAxis = axisOf(full, trace.yaxis);
       const end = endOf(trace, xAxis, yAxis);
       if (!end || end.right < 0) continue;
       if (!panels.has(yAxis)) panels.set(yAxis, []);
       panels.get(yAxis).push({ ...end, trace });
     }
-    const ends = [...panels].flatMap(([axis, names]) => spread(names, END_PX / (high * (axis.domain[1] - axis.domain[0]))).map(({ right, place, trace }) => ({
-      name: "end", text: trace.name, xref: trace.xaxis + " domain", x: right, xanchor: "left", xshift: 4, align: "left", showarrow: false,
-      yref: trace.yaxis + " domain", y: place, yanchor: "middle", font: { color: trace.line.color, size: narrow.matches ? 11 : 12 },
-    })));
+    const ends = [...panels].flatMap(([axis, names]) => spread(names, END_PX / (high * (axis.domain[1] - axis.domain[0])))).map((name) => endName(name.trace, name));
     const others = (layout.annotations || []).filter((one) => one.name !== "end");
-    return ends.length ? Plotly.relayout(chart, { annotations: [...others, ...ends] }) : Promise.resolve();
+    return Plotly.react(chart, data, { ...layout, annotations: [...others, ...ends] });
   };
 
   const draw = (chart) => {
     const first = !drawn.has(chart);
     const done = Plotly.react(chart, ...plan(chart)).then(() => nameEnds(chart));
     if (!first) return done;
-    chart.on("plotly_relayout", (change) => { if (!spreading && !("annotations" in change)) nameEnds(chart); });
+    chart.on("plotly_relayout", () => { if (!spreading) nameEnds(chart); });
     chart.on("plotly_restyle", () => nameEnds(chart));
     if (drawn.get(chart).over_time) chart.on("plotly_relayout", (change) => followTime(chart, change));
     chart.addEventListener("keydown", (event) => onKey(chart, event));
