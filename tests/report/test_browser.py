@@ -254,14 +254,21 @@ def test_a_hostile_log_runs_no_script(browser: chromium.Browser, hostile_page: P
 
 
 def test_a_printed_report_shows_every_chart(browser: chromium.Browser, page: Path) -> None:
-    """Also those that were never scrolled into view, in light colours on a dark screen."""
+    """Also those that were never scrolled into view, in light colours on a dark screen.
+
+    Back on the screen each is dark again, those that had not been seen as soon as they are.
+    """
     load(browser, page, dark=True)
     becomes(browser, FIRST_DRAWN, True)
-    colour = "document.getElementById('chart-fit').layout.paper_bgcolor"
-    browser.run(f"addEventListener('beforeprint', () => {{ window.printed = {colour}; }})")
+    colour, of_seen = (
+        f"document.getElementById('chart-{key}').layout.paper_bgcolor" for key in ("fit", "evidence")
+    )
+    browser.run(f"addEventListener('beforeprint', () => {{ window.printed = [{colour}, {of_seen}]; }})")
     assert len(browser.pdf()) > 100_000
-    assert browser.run("window.printed") == "#ffffff"
+    assert browser.run("window.printed") == ["#ffffff", "#ffffff"]
     becomes(browser, COUNT, browser.run("document.querySelectorAll('.chart').length"))
+    becomes(browser, of_seen, "#171a1f")
+    browser.run("location.hash = 'chart-fit'")
     becomes(browser, colour, "#171a1f")
     assert browser.problems == []
 

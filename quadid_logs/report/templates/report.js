@@ -269,10 +269,11 @@
   addEventListener("hashchange", unfold);
   unfold();
 
-  // Paper shows all that is folded, unless one page is wanted.
-  let opened = [];
+  // Paper shows all that is folded, unless one page is wanted. What was not seen before waits again afterwards.
+  let opened = [], unseen = [];
   addEventListener("beforeprint", () => {
     printing = true;
+    unseen = charts.filter((chart) => !drawn.has(chart));
     const summary = document.documentElement.dataset.print === "summary";
     opened = summary ? [] : [...document.querySelectorAll("details:not([open])")];
     for (const fold of opened) fold.open = true;
@@ -282,7 +283,7 @@
     printing = false;
     delete document.documentElement.dataset.print;
     for (const fold of opened) fold.open = false;
-    redraw();
+    for (const chart of drawn.keys()) unseen.includes(chart) ? watcher.observe(chart) : draw(chart);
   });
   for (const button of document.querySelectorAll("button[data-print]"))
     button.addEventListener("click", () => {
