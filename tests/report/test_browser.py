@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -94,7 +94,19 @@ def hostile_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def drawn(browser: chromium.Browser, page: Path, request: pytest.FixtureRequest) -> Iterator[None]:
     """Show every chart of the page on a desk, as it was loaded."""
-    yield from shown(browser, page, request)
+    yield from shown(browser, page, request, draw_all)
+
+
+@pytest.fixture
+def loaded(browser: chromium.Browser, page: Path, request: pytest.FixtureRequest) -> Iterator[None]:
+    """Show the page on a desk as it begins, for tests that leave it so."""
+    yield from shown(browser, page, request, load)
+
+
+@pytest.fixture
+def on_paper(browser: chromium.Browser, page: Path, request: pytest.FixtureRequest) -> Iterator[None]:
+    """Show the page as it is printed."""
+    yield from shown(browser, page, request, open_for_print)
 
 
 @pytest.fixture(scope="module")
@@ -106,14 +118,20 @@ def long_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def long_drawn(browser: chromium.Browser, long_page: Path, request: pytest.FixtureRequest) -> Iterator[None]:
     """Show every chart of the long flight's page on a desk, as it was loaded."""
-    yield from shown(browser, long_page, request)
+    yield from shown(browser, long_page, request, draw_all)
 
 
-def shown(browser: chromium.Browser, path: Path, request: pytest.FixtureRequest) -> Iterator[None]:
-    """Show every chart: on the page of the test before, where that left it whole; drawing takes seconds."""
-    n_failed = request.session.testsfailed
-    if browser.run("location.href") != path.as_uri() or not browser.run("window.whole === true"):
-        draw_all(browser, path)
+def shown(
+    browser: chromium.Browser,
+    path: Path,
+    request: pytest.FixtureRequest,
+    show: Callable[[chromium.Browser, Path], None],
+) -> Iterator[None]:
+    """Show a page: as the test before left it, where that showed it so and kept it; a page takes seconds."""
+    n_failed, how = request.session.testsfailed, json.dumps(show.__name__)
+    if browser.run("location.href") != path.as_uri() or not browser.run(f"window.shown === {how}"):
+        show(browser, path)
+        browser.run(f"window.shown = {how}")
     yield
     if request.session.testsfailed > n_failed:
         browser.go("about:blank")
@@ -123,7 +141,12 @@ def draw_all(browser: chromium.Browser, path: Path, width: int = 1280, *, dark: 
     """Load a page and show every chart of it."""
     load(browser, path, width, dark=dark)
     browser.run(SCROLL)
-    browser.run(f"window.whole = {json.dumps(width == 1280 and not dark)}")
+
+
+def open_for_print(browser: chromium.Browser, path: Path) -> None:
+    """Load a page as paper shows it."""
+    browser.show(1280, media="print")
+    browser.open(path)
 
 
 def load(browser: chromium.Browser, path: Path, width: int = 1280, *, dark: bool = False) -> None:
@@ -154,6 +177,7 @@ def test_every_chart_is_drawn_and_nothing_scrolls_sideways(
 ) -> None:
     """On a desk and on a phone, light and dark, without a message in the console."""
     draw_all(browser, page, width, dark=dark)
+    browser.run(f"window.shown = {json.dumps('draw_all' if width == 1280 and not dark else '')}")
     charts = browser.run("document.querySelectorAll('.chart').length")
     assert charts >= 14
     becomes(browser, COUNT, charts)
@@ -204,21 +228,40 @@ def test_turning_the_phone_lays_the_charts_out_anew(browser: chromium.Browser, d
     """Three columns on a wide screen become one on a narrow one."""
     domain = "document.getElementById('chart-horizon').layout.xaxis.domain[1]"
     assert browser.run(domain) < 0.4
-    browser.run("window.whole = false")
+    browser.run("window.shown = null")
     browser.show(400)
     becomes(browser, domain, 1)
     becomes(browser, "document.documentElement.scrollWidth <= 400", True)
     becomes(browser, f"{NAMES}.slice(1)", [[], []])
 
 
-def test_charts_wait_until_they_are_scrolled_into_view(browser: chromium.Browser, page: Path) -> None:
+def test_charts_wait_until_they_are_scrolled_into_view(browser: chromium.Browser, loaded: None) -> None:
     """Those of the first screens are there, those of folded chapters are not."""
-    load(browser, page)
     becomes(browser, FIRST_DRAWN, True)
     browser.run(PAUSE)
     assert browser.run("document.querySelectorAll('details .chart .main-svg').length") == 0
     assert browser.run("document.documentElement.scrollHeight") < 9 * 900
     assert "The model" in browser.run("document.body.innerText")
+
+
+def test_every_control_can_be_reached_by_keyboard(browser: chromium.Browser, loaded: None) -> None:
+    """The first stop is the jump to the model; links, charts and wide tables are all stops."""
+    key = {"type": "keyDown", "key": "Tab", "code": "Tab", "windowsVirtualKeyCode": 9}
+    browser.send("Input.dispatchKeyEvent", key)
+    assert browser.run("document.activeElement.className") == "skip"
+    unreachable = browser.run(
+        "document.querySelectorAll('.scroll:not([tabindex]), .chart:not([tabindex])').length"
+    )
+    assert unreachable == 0
+
+
+def test_the_first_screen_holds_verdict_picture_and_steps(browser: chromium.Browser, loaded: None) -> None:
+    """On 1280 by 900 pixels; the links to the chapters take one line of it."""
+    becomes(browser, FIRST_DRAWN, True)
+    bottom = "document.querySelector('{}').getBoundingClientRect().bottom"
+    for selector in ("#verdict-title", ".axes", "#chart-evidence", ".steps li:last-child"):
+        assert browser.run(bottom.format(selector)) < 900, selector
+    assert browser.run("document.querySelector('nav').getBoundingClientRect().height") < 60
 
 
 def test_the_policy_forbids_what_a_log_could_try(browser: chromium.Browser, page: Path) -> None:
@@ -273,20 +316,8 @@ def test_a_printed_report_shows_every_chart(browser: chromium.Browser, page: Pat
     assert browser.problems == []
 
 
-def test_the_first_screen_holds_verdict_picture_and_steps(browser: chromium.Browser, page: Path) -> None:
-    """On 1280 by 900 pixels; the links to the chapters take one line of it."""
-    load(browser, page)
-    becomes(browser, FIRST_DRAWN, True)
-    bottom = "document.querySelector('{}').getBoundingClientRect().bottom"
-    for selector in ("#verdict-title", ".axes", "#chart-evidence", ".steps li:last-child"):
-        assert browser.run(bottom.format(selector)) < 900, selector
-    assert browser.run("document.querySelector('nav').getBoundingClientRect().height") < 60
-
-
-def test_the_summary_is_printed_on_one_page(browser: chromium.Browser, page: Path) -> None:
+def test_the_summary_is_printed_on_one_page(browser: chromium.Browser, on_paper: None) -> None:
     """All else is left out, and comes back afterwards."""
-    browser.show(1280, media="print")
-    browser.open(page)
     browser.run("document.documentElement.dataset.print = 'summary'")
     assert len(re.findall(rb"/Type\s*/Page[^s]", browser.pdf())) == 1
     becomes(browser, "document.documentElement.dataset.print", None)
@@ -295,12 +326,12 @@ def test_the_summary_is_printed_on_one_page(browser: chromium.Browser, page: Pat
 
 @pytest.mark.parametrize("refused", [False, True])
 def test_the_summary_on_paper_holds_no_command_and_what_a_refused_log_shows(
-    browser: chromium.Browser, page: Path, tmp_path: Path, refused: bool
+    browser: chromium.Browser, on_paper: None, tmp_path: Path, refused: bool
 ) -> None:
     """Who gets the page has no log to run a command on; a refusal alone would tell him nothing."""
     log = replace(refused_result(), health=synthetic_health("This is the judgement."))
-    browser.show(1280, media="print")
-    browser.open(write_page(log, tmp_path) if refused else page)
+    if refused:
+        open_for_print(browser, write_page(log, tmp_path))
     text = "document.body.innerText"
     assert refused or "quadid-log " in browser.run(text)
     browser.run("document.documentElement.dataset.print = 'summary'")
@@ -366,19 +397,7 @@ THINNED = """(() => {
 @pytest.mark.thorough
 def test_paper_shows_fewer_points_and_no_lower_peak(browser: chromium.Browser, long_drawn: None) -> None:
     """Each block of points keeps its lowest and its highest value."""
-    browser.run("window.whole = false")
+    browser.run("window.shown = null")
     peak, count, printed_peak, printed_count = browser.run(THINNED)
     assert printed_peak == pytest.approx(peak)
     assert 400 < printed_count < min(count, 2500)
-
-
-def test_every_control_can_be_reached_by_keyboard(browser: chromium.Browser, page: Path) -> None:
-    """The first stop is the jump to the model; links, charts and wide tables are all stops."""
-    load(browser, page)
-    key = {"type": "keyDown", "key": "Tab", "code": "Tab", "windowsVirtualKeyCode": 9}
-    browser.send("Input.dispatchKeyEvent", key)
-    assert browser.run("document.activeElement.className") == "skip"
-    unreachable = browser.run(
-        "document.querySelectorAll('.scroll:not([tabindex]), .chart:not([tabindex])').length"
-    )
-    assert unreachable == 0
