@@ -380,8 +380,7 @@ def _changes_in_flight(axis: _Axis) -> Finding | None:
         f"The {axis.name} effectiveness changes by {100.0 * relative:.0f} % at {time_s:.4g} s into the log"
     )
     level: Level = "info" if relative <= _CHANGE_WARNING else "warning"
-    # The change is that of the fit in time: where air spoils it, it is a caveat and no contradiction.
-    if relative > _CHANGE_ERROR and axis.spectral is None:
+    if relative > _CHANGE_ERROR:
         level = "error"
     return axis.finding("QL509", level, evidence, title)
 

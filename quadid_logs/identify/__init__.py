@@ -52,6 +52,7 @@ from quadid_logs.identify.spectral_axes import (
     with_effects_beside,
     with_spectral_axes,
 )
+from quadid_logs.identify.spectral_change import with_answers
 from quadid_logs.identify.spectral_effects import average_over_effects
 from quadid_logs.identify.splice import with_axis_of
 from quadid_logs.identify.structures import RIGID_BODY, STRUCTURES, Structure
@@ -194,6 +195,9 @@ def identify(
         model = with_spectral_axes(
             by_equation, structure, spectral, told_again, data=data, design=design, settings=settings
         )
+        if model.change is not None:
+            answers = [moments[axis] for axis in told_again]
+            model = replace(model, change=with_answers(model.change, answers, spectral))
         others = (replace(each, recommended=False) for each in identified.models if each is not by_equation)
         identified = replace(identified, models=(replace(model, recommended=True), *others))
     in_time = [axis for axis in range(len(spectral)) if axis not in told_again]

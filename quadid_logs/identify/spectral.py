@@ -563,7 +563,7 @@ class AxisMoments:
         planned: bool = False,
         by_rotors: ComplexArray | None = None,
     ) -> None:
-        self.number, self.told, self.run = number, told, spectra.run
+        self.number, self.told, self.run, self.start_s = number, told, spectra.run, spectra.start_s
         self.s = np.asarray(2j * np.pi * spectra.frequency_hz, dtype=np.complex128)
         self.gyro = gyro_response(self.s, *gyro_filter)
         self.torque, self.by_slope = (

@@ -1,0 +1,80 @@
+"""The change of effectiveness in flight that a fit in time shows, as answers to commands tell it.
+
+Gusts come back in the torque through the controller, and lower the effectiveness of a fit in time. Gusts that
+grow or calm down move it where no vehicle has changed. What answers to commands is free of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from quadid_logs.arrays import BoolArray, FloatArray
+from quadid_logs.data.model import ChangeCheck, SpectralFit
+from quadid_logs.identify.spectral import BLOCK_S, AxisMoments, SharedActuator, moment_noise
+
+_TINY: Final = float(np.finfo(np.float64).tiny)
+
+
+class _Part(NamedTuple):
+    """Of some blocks: effectiveness over that of all, variance by noise, and the weight of each band."""
+
+    gain: float
+    variance: float
+    weight: FloatArray
+
+
+def with_answers(
+    change: ChangeCheck, axes: Sequence[AxisMoments], fits: Sequence[SpectralFit]
+) -> ChangeCheck:
+    """Return the changes that a fit in time shows as answers to commands tell them.
+
+    Parameters
+    ----------
+    change : ChangeCheck
+        Of the fit in time.
+    axes : sequence of AxisMoments
+        Those whose effectiveness is that of their answers to commands.
+    fits : sequence of SpectralFit
+        Of roll, pitch, yaw.
+
+    Returns
+    -------
+    ChangeCheck
+        At the times of the fit in time; as it was on all other axes.
+    """
+    before, after, statistic = change.before.copy(), change.after.copy(), change.statistic.copy()
+    for axis in axes:
+        number, fit = axis.number, fits[axis.number]
+        later = axis.start_s + 0.5 * BLOCK_S > change.time_s[number]
+        if later.all() or not later.any() or not fit.gain:
+            statistic[number] = np.nan
+            continue
+        lag_s, delay_s, reaction = fit.mean[2:].tolist()
+        actuator = SharedActuator(lag_s, delay_s, reaction / fit.gain)
+        first, last = (_part(axis, actuator, rows) for rows in (~later, later))
+        # What one gain, lag and delay do not describe is the same in both, at the same frequencies.
+        weight = (last.weight - first.weight) * np.sqrt(axis.variance_of_departure())
+        variance = first.variance + last.variance + float(weight @ axis.alike @ weight)
+        before[number], after[number] = fit.gain * first.gain, fit.gain * last.gain
+        statistic[number] = (last.gain - first.gain) ** 2 / max(variance, _TINY)
+    return replace(change, before=before, after=after, statistic=statistic)
+
+
+def _part(axis: AxisMoments, actuator: SharedActuator, rows: BoolArray) -> _Part:
+    """Return the effectiveness of some blocks, (n_blocks,), each band by what is known of it."""
+    theta = axis.solved(actuator)[0]
+    acting, error = axis.acting(actuator), axis.error(theta, actuator)
+    instrument = axis.instrument * rows[:, np.newaxis]
+    moved, left = (axis.summed((instrument.conj() * each).sum(axis=0)) for each in (acting, error))
+    noise = 0.5 * (moment_noise(axis, instrument, error) + axis.elsewhere(instrument))
+    size = np.maximum(np.abs(moved), np.sqrt(_TINY))
+    # Without its turn, the moment of the torque is real.
+    along = np.real(left * np.exp(-1j * np.angle(moved))) / theta[0]
+    known = 1.0 / (noise / (theta[0] * size) ** 2 + axis.variance_of_departure())
+    weight = known / known.sum()
+    variance = float(np.sum(weight**2 * noise / (theta[0] * size) ** 2))
+    return _Part(1.0 + float(weight @ (along / size)), variance, weight)
