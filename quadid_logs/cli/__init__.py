@@ -6,6 +6,7 @@ input or wrong usage, 130 interrupted, 141 the reader of the output went away, 1
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -29,7 +30,11 @@ def run() -> None:
     All our matrices are tall and thin: on these OpenBLAS spends longer waking
     its threads than computing (measured: 0.66 s instead of 0.01 s for 41 QR
     factorisations). It reads its setting once, before numpy is imported.
+
+    What we import and compute is hardly ever cyclic garbage: to look for some as often as Python does took a
+    twelfth of an analysis (measured: 2.21 s, and 2.03 s with this; the memory of one of 38 MB is the same).
     """
+    gc.set_threshold(50_000)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     signal.signal(signal.SIGTERM, _terminate)
     sys.exit(main())
