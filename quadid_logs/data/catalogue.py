@@ -450,7 +450,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL509",
                 "The control effectiveness differs between parts of the flight",
                 "At one moment the effectiveness changed by more than chance allows. The vehicle changed "
-                "(battery, payload, damage, a propeller), or something other than torque moved it.",
+                "(battery, payload, damage, a propeller), or something other than torque moved it. The "
+                "interval covers the values before and after.",
                 'Look at the figure "Window estimates over time". Analyze each part that is long enough '
                 "by itself, with --start-s and --end-s.",
             ),

@@ -195,9 +195,7 @@ def identify(
         model = with_spectral_axes(
             by_equation, structure, spectral, told_again, data=data, design=design, settings=settings
         )
-        if model.change is not None:
-            answers = [moments[axis] for axis in told_again]
-            model = replace(model, change=with_answers(model.change, answers, spectral))
+        model = with_answers(model, [moments[axis] for axis in told_again], spectral)
         others = (replace(each, recommended=False) for each in identified.models if each is not by_equation)
         identified = replace(identified, models=(replace(model, recommended=True), *others))
     in_time = [axis for axis in range(len(spectral)) if axis not in told_again]

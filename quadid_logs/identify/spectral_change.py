@@ -13,8 +13,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
-from quadid_logs.data.model import ChangeCheck, SpectralFit
+from quadid_logs.data.model import ChangeCheck, Model, SpectralFit
 from quadid_logs.identify.spectral import BLOCK_S, AxisMoments, SharedActuator, moment_noise
+from quadid_logs.identify.splice import with_interval
+from quadid_logs.maths.normal import NORMAL_95
+from quadid_logs.vocabulary import AXES, ON_AXIS
 
 _TINY: Final = float(np.finfo(np.float64).tiny)
 
@@ -27,19 +30,44 @@ class _Part(NamedTuple):
     weight: FloatArray
 
 
-def with_answers(
-    change: ChangeCheck, axes: Sequence[AxisMoments], fits: Sequence[SpectralFit]
-) -> ChangeCheck:
+def with_answers(model: Model, axes: Sequence[AxisMoments], fits: Sequence[SpectralFit]) -> Model:
+    """Return a model whose changes of effectiveness are those that answers to commands tell.
+
+    Parameters
+    ----------
+    model : Model
+        Its `Model.change` is that of the fit in time.
+    axes : sequence of AxisMoments
+        Those whose effectiveness is that of their answers to commands.
+    fits : sequence of SpectralFit
+        Of roll, pitch, yaw.
+
+    Returns
+    -------
+    Model
+        Intervals hold what was before and after a change that is seen.
+    """
+    if model.change is None:
+        return model
+    change = answered(model.change, axes, fits)
+    model = replace(model, change=change)
+    for number in (axis.number for axis in axes if change.seen[axis.number]):
+        first, last = sorted((float(change.before[number]), float(change.after[number])))
+        half = NORMAL_95 * (last - first) / float(np.sqrt(change.statistic[number]))
+        low, high = model.entries[ON_AXIS[AXES[number]]].ci95
+        model = with_interval(model, number, (min(low, first - half), max(high, last + half)))
+    return model
+
+
+def answered(change: ChangeCheck, axes: Sequence[AxisMoments], fits: Sequence[SpectralFit]) -> ChangeCheck:
     """Return the changes that a fit in time shows as answers to commands tell them.
 
     Parameters
     ----------
     change : ChangeCheck
         Of the fit in time.
-    axes : sequence of AxisMoments
-        Those whose effectiveness is that of their answers to commands.
-    fits : sequence of SpectralFit
-        Of roll, pitch, yaw.
+    axes, fits
+        As of `with_answers`.
 
     Returns
     -------
