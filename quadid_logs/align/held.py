@@ -144,7 +144,7 @@ def _averages(series: CleanSeries, column: int, edges: FloatArray) -> FloatArray
     if time_s.size < 2:
         return np.full(edges.size - 1, np.nan)
     area = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time_s))])
-    return np.diff(np.interp(edges, time_s, area)) / np.diff(edges)
+    return np.asarray(np.diff(np.interp(edges, time_s, area)) / np.diff(edges), dtype=np.float64)
 
 
 def _spectra(values: FloatArray, n_window: int) -> ComplexArray:
