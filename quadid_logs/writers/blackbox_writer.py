@@ -8,6 +8,7 @@ so that all frames are written at once. Autopilot and version of the log choose 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import BinaryIO, Final, NamedTuple
 
 import numpy as np
@@ -45,9 +46,8 @@ _STICK: Final = np.arange(-500.0, 500.5, 0.5)
 _GAIN: Final = 1.4
 
 
-#: Terms that add up to the command, and the letter of one that the log calls otherwise.
-_TERMS: Final = ("P", "I", "D", "FF")
-_FIELD_OF: Final = {"FF": "F"}
+#: Terms of a PID.
+_TERMS: Final = ("P", "I", "D")
 
 
 class _Spelling(NamedTuple):
@@ -81,7 +81,7 @@ def write_blackbox(log: FlightLog, file: BinaryIO) -> None:
     spelling = _spelling(log)
     for signal in main:
         columns |= _columns(signal, log, spelling, first=signal is rates[0])
-    columns |= _terms(log, rates[0])
+    columns |= _terms(log, rates[0], columns)
     if spelling.gyro != 1.0:
         # P as the law makes it of sticks and gyro, and the rest of the sum as I.
         found: dict[str, FloatArray] = {}
@@ -179,16 +179,24 @@ def _columns(signal: Signal, log: FlightLog, spelling: _Spelling, *, first: bool
     return {spelling.voltage: values[:, 0] * spelling.per_volt} if signal.name == "battery_voltage" else {}
 
 
-def _terms(log: FlightLog, rates: Signal) -> dict[str, FloatArray]:
-    """Return the fields of the PID's terms, which add up to the torque command; none without terms."""
-    return {
-        f"axis{_FIELD_OF.get(term, term)}[{number}]": TO_FRD[number] * values * 1000.0
-        for terms in log.controller_terms
-        if np.array_equal(terms.rows.position, rates.position)
-        for number in (AXES.index(terms.axis),)
-        for term, values in terms.values.items()
-        if term in _TERMS
-    }
+def _terms(log: FlightLog, rates: Signal, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return the fields of the PID's terms, none without terms.
+
+    What the torque command in ``columns`` has beside P, I and D stands in F.
+    """
+    found: dict[str, FloatArray] = {}
+    for terms in log.controller_terms:
+        number = AXES.index(terms.axis)
+        whole = columns.get(f"axisP[{number}]")
+        if whole is None or not np.array_equal(terms.rows.position, rates.position):
+            continue
+        own = {
+            f"axis{term}[{number}]": TO_FRD[number] * terms.values[term] * 1000.0
+            for term in _TERMS
+            if term in terms.values
+        }
+        found |= own | {f"axisF[{number}]": whole - sum(own.values(), np.zeros_like(whole))}
+    return found
 
 
 def _named(field: str, values: FloatArray) -> dict[str, FloatArray]:
