@@ -28,7 +28,7 @@ from quadid_logs.control.scaled_loop import ScaledLoops, scaled_loops, spare
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import GOOD
 from quadid_logs.simulator import Scenario, airframes, fly, manoeuvres, plan_flights
-from quadid_logs.simulator.closed_loop import Noise, Setup, final_gains
+from quadid_logs.simulator.closed_loop import Noise, Setup
 from quadid_logs.simulator.closed_loop import Tuning as Gains
 from quadid_logs.simulator.control import TrackingNotch
 from quadid_logs.simulator.effects import Effects, disturbance_density
@@ -40,7 +40,7 @@ from quadid_logs.vocabulary import AXES
 from quadid_logs.writers import write_log
 from study.draw import draw_flight
 from study.structural import log_uniform
-from study.tuning import fly_missing, read, resting_truth
+from study.tuning import fly_missing, gains_of, read, resting_truth
 
 #: A loop of this rate, which is that of the gyro, logged at every step [Hz].
 _RATE_HZ: Final = 1000.0
@@ -112,22 +112,16 @@ def draw_vehicle(seed: int, number: int) -> tuple[Scenario, Flown, str]:
     # Gains that suit the vehicle behind ordinary filters, off by a factor.
     suited = _setup(scenario, Flown(30.0, None, (20.0,) * 3, np.zeros((4, 3))), 0, np.ones((4, 3)))
     factors = np.vstack([np.tile(np.exp(rng.uniform(-0.7, 0.2, 3)), (3, 1)), np.ones(3)])
-    flown = Flown(gyro_hz, notch, (derivative_hz,) * 3, factors * _gains(suited))
+    flown = Flown(gyro_hz, notch, (derivative_hz,) * 3, factors * gains_of(suited))
     while not all(_spare(_setup(scenario, flown, 0), axis) > 0.3 for axis in range(3)):
         flown = flown._replace(gains=flown.gains * np.array([[0.8], [0.8], [0.8], [0.9]]))
     return scenario, flown, kind
 
 
-def _gains(setup: Setup) -> FloatArray:
-    gains = final_gains(setup)
-    each = (gains.proportional, gains.integral, gains.derivative, gains.attitude)
-    return np.array([[float(value) for value in one] for one in each])
-
-
 def _setup(scenario: Scenario, flown: Flown, seed: int, single: FloatArray | None = None) -> Setup:
     """Return a flight with these settings, whatever the simulator would take for suitable gains."""
     if single is None:
-        base = _gains(_setup(scenario, flown, seed, np.ones((4, 3))))
+        base = gains_of(_setup(scenario, flown, seed, np.ones((4, 3))))
         single = np.divide(flown.gains, base, out=np.ones((4, 3)), where=base > 0.0)
     rows = tuple((roll, pitch, yaw) for roll, pitch, yaw in single.tolist())
     tuning = Gains(single_gain=rows, axis_derivative_hz=flown.derivative_hz, notch=flown.notch)
@@ -257,7 +251,7 @@ def vehicle_in_trouble(name: str) -> tuple[Scenario, Flown]:
         else Flown(40.0, None, (20.0,) * 3, np.zeros((4, 3)))
     )
     behind = flown._replace(gyro_hz=30.0 if shaken else 40.0, derivative_hz=(20.0,) * 3)
-    gains = _gains(_setup(scenario, behind, 0, np.ones((4, 3))))
+    gains = gains_of(_setup(scenario, behind, 0, np.ones((4, 3))))
     if not shaken:
         gains[:3, 0] *= _LIMIT_CYCLE
     return scenario, flown._replace(gains=gains)

@@ -43,6 +43,7 @@ from study.tuning import (
     draw_vehicle,
     figures,
     flyable,
+    gains_of,
     of_each_gain,
     resting_truth,
     run_study,
@@ -195,7 +196,7 @@ def best_factors(judge: Judge, most_noise: float, flown: FloatArray | None = Non
 
     # A gain of none stays none, and the angle gain where roll and pitch share it.
     whole = judge.setup.autopilot == "betaflight"
-    varied = np.flatnonzero(_gains_of(judge.setup)[: 3 if whole else 4, judge.axis] > 0.0)
+    varied = np.flatnonzero(_suited_gains(judge.setup)[: 3 if whole else 4, judge.axis] > 0.0)
 
     def cost(logs: FloatArray) -> float:
         factors = np.ones(4)
@@ -217,16 +218,12 @@ def best_factors(judge: Judge, most_noise: float, flown: FloatArray | None = Non
     return factors
 
 
-def _gains_of(setup: Setup) -> FloatArray:
+def _suited_gains(setup: Setup) -> FloatArray:
     """Return P, I, D and the angle gain that suit the vehicle, shape (4, 3)."""
-    from quadid_logs.simulator.closed_loop import final_gains
-
     plain = dataclasses.replace(
         setup, tuning=dataclasses.replace(setup.tuning, single_gain=((1.0,) * 3,) * 4)
     )
-    gains = final_gains(plain)
-    each = (gains.proportional, gains.integral, gains.derivative, gains.attitude)
-    return np.array([[float(value) for value in one] for one in each])
+    return gains_of(plain)
 
 
 def measure_road(seed: int, number: int) -> dict[str, Any]:

@@ -164,12 +164,17 @@ def changed(tuning: Tuning, result: Result) -> FloatArray:
     return np.column_stack([_ratios(found, tunable.axes[axis]) for axis, found in tuning.axes.items()])
 
 
+def gains_of(setup: Setup) -> FloatArray:
+    """Return P, I, D and the angle gain that fly, shape (4, 3)."""
+    gains = final_gains(setup)
+    return np.array([gains.proportional, gains.integral, gains.derivative, gains.attitude])
+
+
 def with_change(scenario: Scenario, autopilot: str, factors: FloatArray, ratios: FloatArray) -> FloatArray:
     """Return factors, shape (4, 3), with which whole gains are those that are recommended."""
 
     def gains(factors: FloatArray) -> FloatArray:
-        found = final_gains(setup_of(scenario, autopilot, factors, 0))
-        return np.array([found.proportional, found.integral, found.derivative, found.attitude])
+        return gains_of(setup_of(scenario, autopilot, factors, 0))
 
     wanted, changed = ratios * gains(factors), factors * ratios
     # Gains that flew were rounded, too.

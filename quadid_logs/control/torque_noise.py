@@ -70,12 +70,10 @@ def torque_spectrum(
     What is coherent with set-points, or with torque that was injected, is no noise; but no more than the loop
     makes of them: an attitude that was put back leaves noise in set-points that hold nothing else.
     """
-    columns = [segment.torque[:, number] for segment in data.segments]
-    whole = _spectrum(columns, data.sample_period_s)
     records = list(_commanded(data, number))
     known = _spectrum([record[:, -1] for record in records], data.sample_period_s)
-    if whole is None or known is None:
-        return whole
+    if known is None:
+        return _spectrum([segment.torque[:, number] for segment in data.segments], data.sample_period_s)
     loop = close(controller, plant, known.frequency_hz)
     left = known.density
     for place, answer in enumerate((loop.target_to_torque[0], 1.0 / (1.0 + loop.rate[0]))):

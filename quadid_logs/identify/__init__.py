@@ -218,9 +218,7 @@ class _BySpectra(NamedTuple):
 
     def explained(self, axis: AxisMoments, band: Band) -> float:
         """Return how much of an acceleration torque and effects explain, gusts and all."""
-        fit = self.fits[axis.number]
-        lag_s, delay_s, reaction = fit.mean[2:].tolist()
-        return axis.explained(SharedActuator(lag_s, delay_s, reaction / fit.gain if fit.gain else 0.0), band)
+        return axis.explained(SharedActuator.of(self.fits[axis.number]), band)
 
     def shows(self, effect: Effect) -> bool:
         """Say whether an axis shows an effect."""

@@ -77,10 +77,27 @@ def with_change(structure: Structure, estimate: Estimate, change: ChangeCheck) -
     low, high = estimate.low.copy(), estimate.high.copy()
     for axis in np.flatnonzero(change.seen).tolist():
         place = axis, len(structure.terms) + axis
-        first, last = sorted((change.before[axis], change.after[axis]))
-        half = NORMAL_95 * (last - first) / np.sqrt(change.statistic[axis])
-        low[place], high[place] = min(low[place], first - half), max(high[place], last + half)
+        first, last = before_and_after(change, axis)
+        low[place], high[place] = min(low[place], first), max(high[place], last)
     return estimate._replace(low=low, high=high)
+
+
+def before_and_after(change: ChangeCheck, axis: int) -> tuple[float, float]:
+    """Return the ends of the 95 % intervals before and after a change, both together.
+
+    Parameters
+    ----------
+    change : ChangeCheck
+    axis : int
+        0 roll, 1 pitch, 2 yaw.
+
+    Returns
+    -------
+    low, high : float
+    """
+    first, last = sorted((float(change.before[axis]), float(change.after[axis])))
+    half = NORMAL_95 * (last - first) / float(np.sqrt(change.statistic[axis]))
+    return first - half, last + half
 
 
 def _own_and_others(structure: Structure, regression: Regression, axis: int) -> tuple[int, list[int]]:

@@ -147,6 +147,12 @@ class SharedActuator(NamedTuple):
         )
 
     @classmethod
+    def of(cls, fit: SpectralFit) -> SharedActuator:
+        """Return the actuator of an estimate."""
+        lag_s, delay_s, reaction = fit.mean[2:].tolist()
+        return cls(lag_s, delay_s, reaction / fit.gain if fit.gain else 0.0)
+
+    @classmethod
     def at(cls, coordinates: FloatArray) -> SharedActuator:
         """Return the actuator at coordinates; never beyond five standard deviations."""
         lag, delay, lead = np.clip(coordinates, -5.0, 5.0).tolist()

@@ -14,9 +14,9 @@ import numpy as np
 
 from quadid_logs.arrays import BoolArray, FloatArray
 from quadid_logs.data.model import ChangeCheck, Model, SpectralFit
+from quadid_logs.identify.checks import before_and_after
 from quadid_logs.identify.spectral import BLOCK_S, AxisMoments, SharedActuator, moment_noise
 from quadid_logs.identify.splice import with_interval
-from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.vocabulary import AXES, ON_AXIS
 
 _TINY: Final = float(np.finfo(np.float64).tiny)
@@ -52,10 +52,9 @@ def with_answers(model: Model, axes: Sequence[AxisMoments], fits: Sequence[Spect
     change = answered(model.change, axes, fits)
     model = replace(model, change=change)
     for number in (axis.number for axis in axes if change.seen[axis.number]):
-        first, last = sorted((float(change.before[number]), float(change.after[number])))
-        half = NORMAL_95 * (last - first) / float(np.sqrt(change.statistic[number]))
+        first, last = before_and_after(change, number)
         low, high = model.entries[ON_AXIS[AXES[number]]].ci95
-        model = with_interval(model, number, (min(low, first - half), max(high, last + half)))
+        model = with_interval(model, number, (min(low, first), max(high, last)))
     return model
 
 
@@ -81,9 +80,7 @@ def answered(change: ChangeCheck, axes: Sequence[AxisMoments], fits: Sequence[Sp
         if later.all() or not later.any() or not fit.gain:
             statistic[number] = np.nan
             continue
-        lag_s, delay_s, reaction = fit.mean[2:].tolist()
-        actuator = SharedActuator(lag_s, delay_s, reaction / fit.gain)
-        first, last = (_part(axis, actuator, rows) for rows in (~later, later))
+        first, last = _parts(axis, SharedActuator.of(fit), ~later, later)
         # What one gain, lag and delay do not describe is the same in both, at the same frequencies.
         weight = (last.weight - first.weight) * np.sqrt(axis.variance_of_departure())
         variance = first.variance + last.variance + float(weight @ axis.alike @ weight)
@@ -92,17 +89,20 @@ def answered(change: ChangeCheck, axes: Sequence[AxisMoments], fits: Sequence[Sp
     return replace(change, before=before, after=after, statistic=statistic)
 
 
-def _part(axis: AxisMoments, actuator: SharedActuator, rows: BoolArray) -> _Part:
-    """Return the effectiveness of some blocks, (n_blocks,), each band by what is known of it."""
+def _parts(axis: AxisMoments, actuator: SharedActuator, *parts: BoolArray) -> list[_Part]:
+    """Return the effectiveness of some blocks, each (n_blocks,), with each band by what is known of it."""
     theta = axis.solved(actuator)[0]
     acting, error = axis.acting(actuator), axis.error(theta, actuator)
-    instrument = axis.instrument * rows[:, np.newaxis]
-    moved, left = (axis.summed((instrument.conj() * each).sum(axis=0)) for each in (acting, error))
-    noise = 0.5 * (moment_noise(axis, instrument, error) + axis.elsewhere(instrument))
-    size = np.maximum(np.abs(moved), np.sqrt(_TINY))
-    # Without its turn, the moment of the torque is real.
-    along = np.real(left * np.exp(-1j * np.angle(moved))) / theta[0]
-    known = 1.0 / (noise / (theta[0] * size) ** 2 + axis.variance_of_departure())
-    weight = known / known.sum()
-    variance = float(np.sum(weight**2 * noise / (theta[0] * size) ** 2))
-    return _Part(1.0 + float(weight @ (along / size)), variance, weight)
+    found = []
+    for rows in parts:
+        instrument = axis.instrument * rows[:, np.newaxis]
+        moved, left = (axis.summed((instrument.conj() * each).sum(axis=0)) for each in (acting, error))
+        noise = 0.5 * (moment_noise(axis, instrument, error) + axis.elsewhere(instrument))
+        size = np.maximum(np.abs(moved), np.sqrt(_TINY))
+        # Without its turn, the moment of the torque is real.
+        along = np.real(left * np.exp(-1j * np.angle(moved))) / theta[0]
+        of_noise = noise / (theta[0] * size) ** 2
+        known = 1.0 / (of_noise + axis.variance_of_departure())
+        weight = known / known.sum()
+        found.append(_Part(1.0 + float(weight @ (along / size)), float(np.sum(weight**2 * of_noise)), weight))
+    return found
