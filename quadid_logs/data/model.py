@@ -682,6 +682,9 @@ class SpectralFit:
         Number of half-overlapping segments of the flight.
     half_width : float
         Half width of the 95 % interval of the effectiveness, including the scale error of the gyro.
+    skew : float
+        How far the middle of that interval lies above the effectiveness, relative. Positive where one
+        frequency cannot tell a long lag from a smaller effectiveness.
     used : bool
         Whether the model uses this estimate for the axis.
     alone : bool
@@ -709,6 +712,7 @@ class SpectralFit:
     r2_commanded: float
     n_blocks: int
     half_width: float
+    skew: float = 0.0
     used: bool = False
     alone: bool = False
     planned: bool = False

@@ -20,6 +20,7 @@ against: it rises towards low frequencies, and from where the flight tells, too.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -949,7 +950,8 @@ def moment_noise(axis: AxisMoments, instrument: ComplexArray, error: ComplexArra
     # Half-overlapping Hann windows have a sixth in common: a negative part beyond a third is chance.
     scatter = np.maximum(alone + beside, 2.0 / 3.0 * alone) / even
     own = np.sum(leverage**2, axis=0)
-    freedom = 1.0 / np.maximum(own, _TINY) - 1.0
+    # A band in which nothing was commanded has seen no noise, and says nothing about its neighbours.
+    freedom = np.where(own > 0.0, 1.0 / np.maximum(own, _TINY) - 1.0, 0.0)
     # With all of it in one block, 1 - own is none, and so are the degrees of freedom.
     weighted = scatter / np.maximum(own, _TINY)
     window = np.ones(min(5, scatter.size))
@@ -1142,16 +1144,17 @@ def _one(
     lag_s, delay_s, lead_s = actuator.on(axis.number)
     gain = float(theta[0])
     own = np.array([0, 1, 2, first, first + 1])
-    spread, half_width = spread_and_half_width(axis, gain, actuator, covariance[np.ix_(own, own)])
+    known = known_figures(axis, gain, actuator, covariance[np.ix_(own, own)])
     return SpectralFit(
         mean=np.array([gain, theta[1], lag_s, delay_s, gain * lead_s]),
-        covariance=spread,
+        covariance=known.covariance,
         departure=float(np.sqrt(axis.variance)),
         commanded=axis.commanded(),
         r2_commanded=_explained(axis, theta, actuator),
         n_blocks=int(axis.run.size),
         planned=axis.planned,
-        half_width=half_width,
+        half_width=known.half_width,
+        skew=known.skew,
     )
 
 
@@ -1198,9 +1201,15 @@ def response_to_commands(axis: AxisMoments) -> Response:
     )
 
 
-def spread_and_half_width(
-    axis: AxisMoments, gain: float, actuator: SharedActuator, covariance: FloatArray
-) -> tuple[FloatArray, float]:
+class Known(NamedTuple):
+    """How well the figures of a `SpectralFit` are known: its covariance, half width and skew."""
+
+    covariance: FloatArray
+    half_width: float
+    skew: float
+
+
+def known_figures(axis: AxisMoments, gain: float, actuator: SharedActuator, covariance: FloatArray) -> Known:
     """Return how well the figures of `SpectralFit` are known.
 
     Parameters
@@ -1214,14 +1223,44 @@ def spread_and_half_width(
 
     Returns
     -------
-    covariance : ndarray, shape (5, 5)
-        Of the figures.
-    half_width : float
-        Of the 95 % interval of the effectiveness, the gyro's scale included.
+    Known
+
+    Notes
+    -----
+    One frequency tells B / sqrt(1 + (w lag)^2): a lag that is known to a factor of two may raise B by more
+    than it may lower it. At the ends of what B varies with, everything else is solved for again.
     """
     slopes = figures_by_coordinates(axis.number, gain, actuator)
-    spread = few_blocks(axis.run.size) ** 2 * slopes @ covariance @ slopes.T
-    return spread, float(np.hypot(NORMAL_95 * np.sqrt(spread[0, 0]), GYRO_SYSTEMATIC * gain))
+    wider = few_blocks(axis.run.size)
+    spread = wider**2 * slopes @ covariance @ slopes.T
+    straight = NORMAL_95 * float(np.sqrt(spread[0, 0]))
+    below, above = (
+        float(np.hypot(straight, more * gain)) for more in _beyond_slope(axis, actuator, wider, covariance)
+    )
+    half_width = 0.5 * (below + above)
+    spread[0, 0] = (half_width / NORMAL_95) ** 2
+    skew = 0.5 * (above - below) / abs(gain) if gain else 0.0
+    return Known(spread, float(np.hypot(half_width, GYRO_SYSTEMATIC * gain)), skew)
+
+
+def _beyond_slope(
+    axis: AxisMoments, actuator: SharedActuator, wider: float, covariance: FloatArray
+) -> tuple[float, float]:
+    """Return how much farther down and up than its slope an actuator takes B, relative roots of squares."""
+    along = covariance[:_AXES, _AXES]
+    precision = np.linalg.pinv(covariance[:_AXES, :_AXES], hermitian=True)
+    size = float(np.sqrt(max(along @ precision @ along, 0.0)))
+    here = float(axis.solved(actuator)[0][0])
+    if not size > 0.0 or not here > 0.0:
+        return 0.0, 0.0
+    step = wider * NORMAL_95 / size * along
+    ends = [
+        float(axis.solved(SharedActuator.at(actuator.coordinates + sign * step))[0][0]) / here - 1.0
+        for sign in (1, -1)
+    ]
+    by_slope = wider * NORMAL_95 * size / here
+    down, up = (math.sqrt(max(max(end, 0.0) ** 2 - by_slope**2, 0.0)) for end in (-min(ends), max(ends)))
+    return down, up
 
 
 def figures_by_coordinates(axis: int, gain: float, actuator: SharedActuator) -> FloatArray:

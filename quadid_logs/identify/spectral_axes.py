@@ -136,13 +136,15 @@ def with_spectral_axes(
         fit = fits[tilting[0]]
         lag_s, delay_s = float(fit.mean[2]), float(fit.mean[3])
         half_lag, half_delay = (NORMAL_95 * float(np.sqrt(fit.covariance[k, k])) for k in (2, 3))
+        # What is known of a lag is its logarithm.
+        times = float(np.exp(half_lag / lag_s)) if lag_s > 0.0 else 1.0
         model = replace(
             model,
             actuator=replace(
                 model.actuator,
                 acts_on="torque",
                 lag_s=lag_s,
-                lag_ci95_s=(max(0.0, lag_s - half_lag), lag_s + half_lag),
+                lag_ci95_s=(lag_s / times, lag_s * times),
                 delay_s=delay_s,
                 delay_ci95_s=(max(0.0, delay_s - half_delay), delay_s + half_delay),
                 lag_up_s=float("nan"),
@@ -206,6 +208,9 @@ def _of_axis(
             column = structure.columns.index(symbol)
             theta[axis, column], half[axis, column], kept[axis, column] = value, width, True
     estimate = intervals(structure, theta, half, kept, knows_gyro=False, band=None, given=data.input)
+    if TORQUE_SYMBOLS[axis] in structure.columns:
+        for end in (estimate.low, estimate.high):
+            end[axis, structure.columns.index(TORQUE_SYMBOLS[axis])] += fit.skew * fit.gain
     parameters = tuple(
         _parameter(old, *(float(each[row, column]) for each in (theta, estimate.low, estimate.high)))
         if row == axis

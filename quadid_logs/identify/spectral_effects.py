@@ -36,11 +36,11 @@ from quadid_logs.identify.spectral import (
     few_blocks,
     figures_by_coordinates,
     fit_axes,
+    known_figures,
     moment_noise,
     shared,
     slopes_of,
     solve_flight,
-    spread_and_half_width,
 )
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.normal import NORMAL_95
@@ -381,8 +381,8 @@ class _Equations:
         covariance = covariance - np.outer(moved, moved)
         fit, gain = self.fits[axis.number], float(self.theta[place][0])
         mean = fit.mean + figures_by_coordinates(axis.number, gain, self.actuator) @ moved
-        spread, half_width = spread_and_half_width(axis, float(mean[0]), self.actuator, covariance)
-        return replace(fit, mean=mean, covariance=spread, half_width=half_width)
+        known = known_figures(axis, float(mean[0]), self.actuator, covariance)
+        return replace(fit, mean=mean, **known._asdict())
 
     def _scale(self, column: EffectColumn) -> float:
         """Return the square of what one unit of a coefficient is: of lost torque, the mean effectiveness."""

@@ -12,7 +12,7 @@ import pytest
 
 from quadid_logs.data.flight import FlightData, Segment
 from quadid_logs.data.model import SpectralFit
-from quadid_logs.identify.spectral import with_delay_alone
+from quadid_logs.identify.spectral import moment_noise, solve_flight, with_delay_alone
 from quadid_logs.identify.spectral_effects import fit_by_spectra
 from tests.marks import thorough_but
 
@@ -44,6 +44,7 @@ def _fly(
     tone_hz: float = 0.0,
     sweep: np.ndarray | None = None,
     older_steps: int = 0,
+    lag_s: float = LAG_S,
 ) -> FlightData:
     """Fly in angle mode: sticks, angle controller, rate controller, delay, lag, vehicle.
 
@@ -60,7 +61,7 @@ def _fly(
     torque, rates, setpoints = (np.empty((n, 3)) for _ in range(3))
     for axis in range(3):
         series = [each[:, axis].tolist() for each in (steps, injected, air)]
-        rates[:, axis], setpoints[:, axis], torque[:, axis] = _one_axis(series, axis, older_steps)
+        rates[:, axis], setpoints[:, axis], torque[:, axis] = _one_axis(series, axis, older_steps, lag_s)
     time_s = PERIOD_S * np.arange(n)
     turned = np.vstack([np.zeros(3), PERIOD_S * np.cumsum(rates, axis=0)[:-1]])
     segment = Segment(
@@ -78,7 +79,7 @@ def _fly(
     return _data(segment)
 
 
-def _one_axis(series: list[list[float]], axis: int, older_steps: int) -> np.ndarray:
+def _one_axis(series: list[list[float]], axis: int, older_steps: int, lag_s: float) -> np.ndarray:
     """Return rate, set-point and command, (3, n); in plain floats, which cost a tenth of numpy's."""
     gain, damping = float(GAIN[axis]), float(DAMPING[axis])
     rate = angle = thrust = 0.0
@@ -90,7 +91,7 @@ def _one_axis(series: list[list[float]], axis: int, older_steps: int) -> np.ndar
         command = 12.0 / gain * (setpoint - rate) + injected
         waiting = [*waiting[1:], command]
         found.append((rate, setpoint, command))
-        thrust = thrust + PERIOD_S / LAG_S * (waiting[0] - thrust)
+        thrust = thrust + PERIOD_S / lag_s * (waiting[0] - thrust)
         rate = rate + PERIOD_S * (gain * thrust + damping * rate + air)
         angle = angle + PERIOD_S * rate
     return np.array(found).T
@@ -179,6 +180,38 @@ def test_a_single_tone_tells_the_effectiveness_as_well_as_lags_are_known(seed: i
     for axis in (0, 1):
         assert abs(fits[axis].gain - GAIN[axis]) <= fits[axis].half_width
         assert 0.04 * GAIN[axis] < fits[axis].half_width < 0.4 * GAIN[axis]
+
+
+@pytest.mark.parametrize("lag_s", [0.01, 0.04, 0.08])
+def test_a_single_tone_leaves_a_long_lag_and_a_larger_effectiveness_open(lag_s: float) -> None:
+    """Motors of small and of large propellers: twice the lag takes more than half the lag gives."""
+    fits = fit_by_spectra(_fly(0, gusts=0.2, stick_rad=0.1, tone_hz=4.0, lag_s=lag_s))
+    for axis in (0, 1):
+        middle = fits[axis].gain * (1.0 + fits[axis].skew)
+        assert abs(middle - GAIN[axis]) <= fits[axis].half_width
+
+
+def test_sticks_of_all_frequencies_leave_the_effectiveness_in_the_middle_of_its_interval() -> None:
+    """They tell the lag, and around one that is known an effectiveness is as likely to be more as less."""
+    fits = fit_by_spectra(_fly(0, gusts=0.2))
+    for axis in (0, 1):
+        assert abs(fits[axis].skew) * fits[axis].gain < 0.1 * fits[axis].half_width
+
+
+def test_the_noise_beside_bands_without_commands_is_that_of_the_air() -> None:
+    """Of white noise, the variance of a moment is that of a line times the power of what was commanded."""
+    solution = solve_flight(_fly(0, seconds=40.0))
+    assert solution is not None
+    axis = solution.axes[0]
+    rng = np.random.default_rng(0)
+    told, air = (
+        rng.standard_normal((*axis.told.shape, 2)) @ np.array([1.0, 1.0j]) / np.sqrt(2.0) for _ in range(2)
+    )
+    told[:, : axis.edges[2]] = 0.0
+    noise = moment_noise(axis, told, air)[2:8]
+    power = axis.power(told).sum(axis=0)[2:8]
+    assert np.all(noise > 0.4 * power)
+    assert np.all(noise < 2.5 * power)
 
 
 def test_set_points_that_answer_gusts_are_biased_and_say_so() -> None:
