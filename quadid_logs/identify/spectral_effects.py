@@ -45,6 +45,9 @@ from quadid_logs.identify.spectral import (
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.normal import NORMAL_95
 
+#: Drag, a load, the height of the centre of mass: every vehicle has a moment of its tilt, of some size. To be
+#: named it needs the evidence of any other effect; its size counts without.
+_ALWAYS: Final[tuple[Effect, ...]] = ("tilt",)
 #: The effects that are averaged over.
 AVERAGED: Final[frozenset[Effect]] = frozenset(
     {"threshold", "rotor threshold", "limit", "asymmetry", "tilt", "varying gain", "cut steps"}
@@ -141,14 +144,30 @@ def average_over_effects(solution: SpectralSolution, data: FlightData) -> tuple[
         equations = equations.beside(best)
     varies = [value * each.varies for value, each in zip(equations.taken, equations.shown, strict=True)]
     variation = float(np.sqrt(np.sum(np.square(varies))))
-    fits = list(equations.fits)
+    fits, weighted = list(equations.fits), list(zip(likely.tolist(), found, strict=True))
     for place, axis in enumerate(equations.axes):
-        fit = equations.fit_of(place, found, likely)
-        shown = dict.fromkeys(each.kind for each in equations.shown if axis.number in each.axes)
-        fits[axis.number] = _beside(
-            solution.fits[axis.number], replace(fit, variation=variation, effects=tuple(shown))
+        shown = tuple(dict.fromkeys(each.kind for each in equations.shown if axis.number in each.axes))
+        varied = variation / math.sqrt(_looks(axis)) if "varying gain" in shown else 0.0
+        # A fit in time sees a moment of the tilt for itself: it is told of one as of any other effect.
+        told, in_time = (
+            replace(equations.fit_of(place, weighted, always), variation=variation, effects=shown)
+            for always in (_ALWAYS, ())
+        )
+        without = solution.fits[axis.number]
+        fits[axis.number] = replace(
+            _beside(without, told, varied), by_effects=_beside(without, in_time, varied).by_effects
         )
     return tuple(fits)
+
+
+def _looks(axis: AxisMoments) -> float:
+    """Return how many independent looks at an effectiveness that varies the commands of a flight are.
+
+    Each block counts by what was commanded in it; of blocks that overlap by half, two are one look.
+    """
+    power = np.sum(np.abs(axis.told) ** 2, axis=1)
+    square = float(power @ power)
+    return max(0.5 * float(power.sum()) ** 2 / square, 1.0) if square > 0.0 else 1.0
 
 
 def _as_cut(solution: SpectralSolution, signals: FlownSignals) -> tuple[SpectralFit, ...]:
@@ -164,10 +183,13 @@ def _as_cut(solution: SpectralSolution, signals: FlownSignals) -> tuple[Spectral
     )
 
 
-def _beside(without: SpectralFit, fit: SpectralFit) -> SpectralFit:
-    """Return an estimate with what the form of its effects leaves open, and by how much they move it."""
+def _beside(without: SpectralFit, fit: SpectralFit, varied: float = 0.0) -> SpectralFit:
+    """Return an estimate with what the form of its effects leaves open, and by how much they move it.
+
+    ``varied``: relative rms of an effectiveness that varies, over the root of the looks at it.
+    """
     shift = fit.gain / without.gain - 1.0 if without.gain else 0.0
-    form = _FORM * (fit.gain - without.gain)
+    form = _FORM * float(np.hypot(fit.gain - without.gain, varied * fit.gain))
     covariance = fit.covariance.copy()
     covariance[0, 0] += (form / NORMAL_95) ** 2
     half_width = float(np.hypot(fit.half_width, form))
@@ -362,8 +384,13 @@ class _Equations:
         fits, actuator = fit_axes(self.axes)
         return _Equations(self.solution._replace(fits=fits, actuator=actuator), shown, taken)
 
-    def fit_of(self, place: int, found: Sequence[_Posterior], likely: FloatArray) -> SpectralFit:
-        """Return the estimate of an axis with what effects that are shown, and one more, may still be."""
+    def fit_of(
+        self, place: int, weighted: Sequence[tuple[float, _Posterior]], always: Sequence[Effect]
+    ) -> SpectralFit:
+        """Return the estimate of an axis with what effects that are shown, and one more, may still be.
+
+        ``weighted``: how likely each effect is, and what it does; what is ``always`` there is certain.
+        """
         axis, own = self.axes[place], self.own(place)[: _AXES + 2]
         # The estimate is that of the moments of the commanded torque. What an effect has moments of its own
         # for is its size: they are at the same frequencies, and depart with the others.
@@ -371,16 +398,21 @@ class _Equations:
         whole = np.asarray(np.linalg.pinv(self.base.normal, hermitian=True), dtype=np.float64)
         of_shown = whole[self.n_known :, self.n_known :]
         covariance = (self._covariance + by_shown @ of_shown @ by_shown.T)[np.ix_(own, own)]
-        moved = np.zeros(own.size)
-        for chance, each in zip(likely.tolist(), found, strict=True):
-            if axis.number in each.column.axes:
-                by_effect = np.outer(each.moved[own], each.moved[own])
+        moved, certain = np.zeros(own.size), np.zeros(own.size)
+        for chance, each in weighted:
+            if axis.number not in each.column.axes:
+                continue
+            by_effect = np.outer(each.moved[own], each.moved[own])
+            if each.column.kind in always:
+                covariance = covariance + each.variance * by_effect
+                certain = certain + each.mean * each.moved[own]
+            else:
                 covariance = covariance + chance * (each.mean**2 + each.variance) * by_effect
                 moved = moved + chance * each.mean * each.moved[own]
         # The law of total variance: around the mean over all effects, and not around none.
         covariance = covariance - np.outer(moved, moved)
         fit, gain = self.fits[axis.number], float(self.theta[place][0])
-        mean = fit.mean + figures_by_coordinates(axis.number, gain, self.actuator) @ moved
+        mean = fit.mean + figures_by_coordinates(axis.number, gain, self.actuator) @ (moved + certain)
         known = known_figures(axis, float(mean[0]), self.actuator, covariance)
         return replace(fit, mean=mean, **known._asdict())
 

@@ -268,6 +268,18 @@ def test_a_moment_of_the_tilt_leaves_the_effectiveness_where_it_is(tilt_1_s2: fl
     assert all(fits[axis].is_sound and _holds(fits[axis], axis) for axis in (0, 1))
 
 
+@pytest.mark.parametrize("tilt_1_s2", [4.0, thorough(-4.0)])
+def test_a_moment_of_the_tilt_that_no_flight_would_show_biases_by_less_than_a_third_of_the_interval(
+    tilt_1_s2: float,
+) -> None:
+    """Every vehicle has one of some size: what the torque does against it is no lack of effectiveness."""
+    off = []
+    for seed in (0, 1):
+        fits = fit_by_spectra(_fly(seed, gusts=0.2, tilt_1_s2=tilt_1_s2))
+        off += [(fits[axis].gain - GAIN[axis]) / fits[axis].half_width for axis in (0, 1)]
+    assert abs(float(np.mean(off))) < 0.3
+
+
 @pytest.mark.parametrize("per_speed", [4.0, thorough(9.0)])
 def test_a_moment_of_the_speed_leaves_the_effectiveness_where_it_is(per_speed: float) -> None:
     """What flies faster is pitched up: below some frequency the torque holds against that."""
