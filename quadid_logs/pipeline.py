@@ -18,7 +18,7 @@ from quadid_logs.control.outer_loops import outer_loops
 from quadid_logs.control.replay import replay, thinned_from
 from quadid_logs.data.closed_loop import ClosedLoop
 from quadid_logs.data.diagnosis import Diagnosis
-from quadid_logs.data.flight import FlightData
+from quadid_logs.data.flight import FlightData, flown_parameters
 from quadid_logs.data.health import Health
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Identification
@@ -33,7 +33,6 @@ from quadid_logs.identify.select import most_excited
 from quadid_logs.identify.structures import STRUCTURES, Structure
 from quadid_logs.identify.two_vehicles import with_lost_thrust
 from quadid_logs.load import prepare, read_log
-from quadid_logs.tuning import flown_parameters
 
 Progress = Callable[[str], None]
 

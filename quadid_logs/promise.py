@@ -14,6 +14,7 @@ from quadid_logs.control.command_units import per_command
 from quadid_logs.control.next_flight import EFFECTIVENESS_SPREAD, TIME_SPREAD_S
 from quadid_logs.control.room import Room, leads_back, room_of, whole
 from quadid_logs.data.closed_loop import Estimated, LoopMargins, Margins
+from quadid_logs.data.flight import flown_parameters
 from quadid_logs.data.model import Model
 from quadid_logs.data.off_nominal import OFF_NOMINAL
 from quadid_logs.data.promise import (
@@ -39,7 +40,6 @@ from quadid_logs.health.rotors import weakened
 from quadid_logs.maths.multiple_tests import holm
 from quadid_logs.maths.normal import NORMAL_95
 from quadid_logs.tuning import (
-    flown_parameters,
     margins_with,
     recommend,
     same_gain,

@@ -29,9 +29,8 @@ from quadid_logs.control.what_if import what_if
 from quadid_logs.data.autotune import AutotuneForecast
 from quadid_logs.data.closed_loop import AxisLoop, LoopCurve, LoopMargins
 from quadid_logs.data.controller import AxisController
-from quadid_logs.data.flight import FlightData
+from quadid_logs.data.flight import flown_parameters
 from quadid_logs.data.health import Line, LineSource
-from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import Model
 from quadid_logs.data.off_nominal import OFF_NOMINAL, Ranges
 from quadid_logs.data.once import once
@@ -313,15 +312,6 @@ def _may_be_loop(result: Result, axis: str, line: Line) -> bool:
         one.axis == axis and abs(one.line.frequency_hz - line.frequency_hz) <= _SAME_LINE_HZ
         for one in seen.axes
     )
-
-
-def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:
-    """Return the parameters as they were when the part of the flight that is used began."""
-    rates = log.candidates("body_rate")
-    if not rates or not data.segments or data.clock_resets:
-        return log.parameters
-    first = int(np.argmax(rates[0].time_s >= data.segments[0].start_s))
-    return log.parameters_at(int(rates[0].position[first]))
 
 
 def shaping_gains(result: Result, axis: str) -> dict[str, float]:

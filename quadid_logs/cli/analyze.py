@@ -201,7 +201,6 @@ def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: 
     """Analyze one log (or several as one), write its files, say its verdict, note its row of the index."""
     from quadid_logs.report import check_folder, write_report
     from quadid_logs.report.index import index_row
-    from quadid_logs.report.text import one_line
 
     for log in logs:
         check_log(log)
@@ -225,6 +224,8 @@ def _analyze_one(logs: list[Path], folder: Path, part: Part, wish: _Wish, rows: 
         _say_result(result, folder, wish)
     is_refused = bool(_refused(result) & {*_judged(result, wish)})
     if wish.quiet and not wish.as_json and is_refused:
+        from quadid_logs.report.text import one_line
+
         report_problem(one_line(result))
     return 1 if is_refused else 0
 
@@ -250,12 +251,13 @@ def _result_of(logs: list[Path], wish: _Wish, progress: Progress) -> Result:
 def _say_result(result: Result, folder: Path, wish: _Wish) -> None:
     """Print the result as the options ask for."""
     from quadid_logs.report import json_text, provenance_of
-    from quadid_logs.report.text import one_line, result_lines
 
     if wish.as_json:
         provenance = provenance_of(result.log.path, wish.command)
         say(json_text(result, provenance, compact=wish.one_line).rstrip("\n"))
         return
+    from quadid_logs.report.text import one_line, result_lines
+
     written = printable(folder / ("report.html" if wish.drawings else "result.json"))
     if wish.one_line:
         say(f"{one_line(result)} -> {written}")

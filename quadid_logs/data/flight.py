@@ -10,7 +10,7 @@ import numpy as np
 
 from quadid_logs.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from quadid_logs.counting import counted
-from quadid_logs.data.log import NO_GYRO_FILTER, GyroFilter, LogText, ModeChange
+from quadid_logs.data.log import NO_GYRO_FILTER, FlightLog, GyroFilter, LogText, ModeChange
 from quadid_logs.data.torque import AssumedExpo, Calibration
 
 #: Twenty fits of half a second; on less flight, scores on validation data mean nothing [s].
@@ -347,3 +347,12 @@ class FlightData:
         rate = f" at {1.0 / self.sample_period_s:.4g} Hz" if self.segments else ""
         n_segments = len(self.segments)
         return f"<{type(self).__name__}: {self.n_samples} samples{rate} in {counted(n_segments, 'segment')}>"
+
+
+def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:
+    """Return the parameters as they were when the part of the flight that is used began."""
+    rates = log.candidates("body_rate")
+    if not rates or not data.segments or data.clock_resets:
+        return log.parameters
+    first = int(np.argmax(rates[0].time_s >= data.segments[0].start_s))
+    return log.parameters_at(int(rates[0].position[first]))

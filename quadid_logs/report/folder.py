@@ -17,7 +17,6 @@ from quadid_logs.errors import OutputError
 from quadid_logs.output import beside_prefix, check_free, check_no_link, new_folder, remove_unfinished
 from quadid_logs.report.json import json_text
 from quadid_logs.report.provenance import Provenance, provenance_of
-from quadid_logs.tuning import tuning_of
 from quadid_logs.untrusted import portable_name, printable
 from quadid_logs.vocabulary import AXES
 
@@ -174,6 +173,8 @@ def write_report(
     ...     sorted(file.name for file in folder.iterdir())
     ['report.html', 'result.json']
     """
+    from quadid_logs.tuning import tuning_of
+
     check_folder(folder, force=force)
     started = time.perf_counter()
     provenance = provenance_of(result.log.path, command)
@@ -212,6 +213,7 @@ def write_drawings(result: Result, provenance: Provenance, folder: Path, png: Pn
     from quadid_logs.report.html import render_html
     from quadid_logs.report.sharing import without_folders
     from quadid_logs.report.view import view_of
+    from quadid_logs.tuning import tuning_of
 
     figures = figures_of(result)
     shown, told = without_folders(result, provenance)

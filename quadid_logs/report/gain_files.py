@@ -10,11 +10,11 @@ import numpy as np
 
 from quadid_logs.autopilots import known, named
 from quadid_logs.control.room import whole
+from quadid_logs.data.flight import flown_parameters
 from quadid_logs.data.result import Result
 from quadid_logs.data.tuning import AxisTuning, Tuning
 from quadid_logs.report.numbers import number
 from quadid_logs.sentences import continued
-from quadid_logs.tuning import flown_parameters
 from quadid_logs.untrusted import printable
 
 NEXT, BACK = "next", "back"

@@ -9,7 +9,6 @@ from pathlib import PurePosixPath, PureWindowsPath
 from quadid_logs.commands import quoted
 from quadid_logs.data.result import Result
 from quadid_logs.report.provenance import Provenance
-from quadid_logs.tuning import tuning_of
 
 
 def without_folders(result: Result, provenance: Provenance) -> tuple[Result, Provenance]:
@@ -31,6 +30,9 @@ def without_folders(result: Result, provenance: Provenance) -> tuple[Result, Pro
             for one in result.pooled
         ),
     )
+    # Imported here: an analysis without a report has no gains to hand on.
+    from quadid_logs.tuning import tuning_of
+
     tuning_of.hand_on(result, shown)
     return shown, replace(provenance, command=_shortened(provenance.command))
 
