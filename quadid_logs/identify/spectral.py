@@ -1235,7 +1235,7 @@ def known_figures(axis: AxisMoments, gain: float, actuator: SharedActuator, cova
     spread = wider**2 * slopes @ covariance @ slopes.T
     straight = NORMAL_95 * float(np.sqrt(spread[0, 0]))
     below, above = (
-        float(np.hypot(straight, more * gain)) for more in _beyond_slope(axis, actuator, wider, covariance)
+        math.hypot(straight, more * gain) for more in _beyond_slope(axis, actuator, wider, covariance)
     )
     half_width = 0.5 * (below + above)
     spread[0, 0] = (half_width / NORMAL_95) ** 2
@@ -1249,7 +1249,7 @@ def _beyond_slope(
     """Return how much farther down and up than its slope an actuator takes B, relative roots of squares."""
     along = covariance[:_AXES, _AXES]
     precision = np.linalg.pinv(covariance[:_AXES, :_AXES], hermitian=True)
-    size = float(np.sqrt(max(along @ precision @ along, 0.0)))
+    size = math.sqrt(max(float(along @ precision @ along), 0.0))
     here = float(axis.solved(actuator)[0][0])
     if not size > 0.0 or not here > 0.0:
         return 0.0, 0.0
