@@ -53,7 +53,7 @@ class IdentifiedModel(Model):
     >>> import quadid_logs
     >>> model = quadid_logs.analyze("sample_logs/sysid-quad-x.bin").model
     >>> print(model["roll", "L"])
-    B11 = 197.9 (195.3 to 200.5) rad/s^2
+    B11 = 197.9 (195.4 to 200.4) rad/s^2
     >>> t = np.arange(0.0, 0.5, 0.0025)
     >>> push = np.outer(t > 0.1, [0.1, 0.0, 0.0])
     >>> model.simulate(push, t).shape

@@ -350,7 +350,17 @@ class FlightData:
 
 
 def flown_parameters(log: FlightLog, data: FlightData) -> Mapping[str, float]:
-    """Return the parameters as they were when the part of the flight that is used began."""
+    """Return the parameters as they were when the part of the flight that is used began.
+
+    Parameters
+    ----------
+    log : FlightLog
+    data : FlightData
+
+    Returns
+    -------
+    Mapping of str to float
+    """
     rates = log.candidates("body_rate")
     if not rates or not data.segments or data.clock_resets:
         return log.parameters

@@ -136,7 +136,7 @@ def with_spectral_axes(
         fit = fits[tilting[0]]
         lag_s, delay_s = float(fit.mean[2]), float(fit.mean[3])
         half_lag, half_delay = (NORMAL_95 * float(np.sqrt(fit.covariance[k, k])) for k in (2, 3))
-        # What is known of a lag is its logarithm.
+        # What is known of a lag is its logarithm: it may be longer by more than it may be shorter.
         times = float(np.exp(half_lag / lag_s)) if lag_s > 0.0 else 1.0
         model = replace(
             model,
@@ -144,7 +144,7 @@ def with_spectral_axes(
                 model.actuator,
                 acts_on="torque",
                 lag_s=lag_s,
-                lag_ci95_s=(lag_s / times, lag_s * times),
+                lag_ci95_s=(max(0.0, lag_s - half_lag), lag_s * times),
                 delay_s=delay_s,
                 delay_ci95_s=(max(0.0, delay_s - half_delay), delay_s + half_delay),
                 lag_up_s=float("nan"),
