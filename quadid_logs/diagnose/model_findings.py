@@ -24,7 +24,7 @@ from quadid_logs.data.model import (
 from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.diagnose.findings import finding, rounded
 from quadid_logs.identify.design import HELD_OUT_BLOCK_S
-from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S
+from quadid_logs.identify.excitation import MIN_RATE_RMS_DEG_S, holds_one_frequency
 from quadid_logs.identify.parameters import (
     MAX_RELATIVE_CI,
     MIN_SIGNAL_TO_NOISE,
@@ -110,6 +110,7 @@ class _Axis(NamedTuple):
     enough_motion: str
     response: Response | None
     asked: SpectralFit | None
+    one_frequency: bool
 
     @property
     def spectral(self) -> SpectralFit | None:
@@ -163,6 +164,7 @@ def _axis(log: FlightLog, identification: Identification, model: Model, number: 
         ),
         response=identification.responses[number] if identification.responses else None,
         asked=next(iter(identification.spectral[number : number + 1]), None),
+        one_frequency=holds_one_frequency(identification.excitation, number),
     )
     fatal, others = _checks(axis, only_yaw=identification.only_yaw)
     for check in fatal:
@@ -276,6 +278,9 @@ def _too_wide(axis: _Axis) -> Finding | None:
 
 def _wide(axis: _Axis) -> Finding | None:
     """Warn of an effectiveness that is of use, but not to compare, to calibrate or to tune with."""
+    if axis.one_frequency:
+        # QL420 says why, and what to fly: calm air would not help.
+        return None
     told = axis.spectral is None or axis.spectral.is_sound
     low, high = axis.on_axis.ci95
     # With all that effects leave open: the interval that the user sees.

@@ -119,6 +119,14 @@ def test_an_effect_that_no_rigid_body_has_is_named(name: str, axis: str, code: s
     assert code in codes(as_flown(name, setpoints=setpoints), axis)
 
 
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+def test_a_flight_at_one_frequency_is_not_told_that_calm_air_would_help(axis: str) -> None:
+    """Its interval is wide because lag and effectiveness are one number there: other frequencies help."""
+    found = codes(as_flown("tone", setpoints=True), axis)
+    assert "QL420" in found
+    assert "QL505" not in found
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_a_limit_that_only_rare_peaks_reach_is_seen(axis: str) -> None:
