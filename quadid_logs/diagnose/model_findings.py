@@ -136,7 +136,8 @@ class _Axis(NamedTuple):
         """Return a finding about this axis; with what to fly where more motion would help."""
         advice, step = self.advice if CATALOGUE[code].step == "fly" else "", None
         # Where air moves an axis as much, how much it turned says nothing: commands narrow the interval.
-        commands_help = code in _COMMANDS_HELP or self.alone
+        # Where there was one frequency, commands of others do.
+        commands_help = code in _COMMANDS_HELP or self.alone or self.one_frequency
         if advice and not commands_help and self.rate_rms_deg_s >= WELL_EXCITED_DEG_S:
             advice, step = self.enough_motion, _OTHER
         return finding(code, level, evidence, axes=(self.name,), advice=advice, title=title, step=step)

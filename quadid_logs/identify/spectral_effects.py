@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -384,6 +385,18 @@ class _Equations:
         fits, actuator = fit_axes(self.axes)
         return _Equations(self.solution._replace(fits=fits, actuator=actuator), shown, taken)
 
+    @cached_property
+    def _covariance_beside_shown(self) -> FloatArray:
+        """Covariance of all that is known, with what the size of effects that are shown leaves open.
+
+        The estimate is that of the moments of the commanded torque. What an effect has moments of its own for
+        is its size: they are at the same frequencies, and depart with the others.
+        """
+        by_shown = self._covariance @ self.base.main[: self.n_known, self.n_known :]
+        whole = np.asarray(np.linalg.pinv(self.base.normal, hermitian=True), dtype=np.float64)
+        of_shown = whole[self.n_known :, self.n_known :]
+        return np.asarray(self._covariance + by_shown @ of_shown @ by_shown.T)
+
     def fit_of(
         self, place: int, weighted: Sequence[tuple[float, _Posterior]], always: Sequence[Effect]
     ) -> SpectralFit:
@@ -392,12 +405,7 @@ class _Equations:
         ``weighted``: how likely each effect is, and what it does; what is ``always`` there is certain.
         """
         axis, own = self.axes[place], self.own(place)[: _AXES + 2]
-        # The estimate is that of the moments of the commanded torque. What an effect has moments of its own
-        # for is its size: they are at the same frequencies, and depart with the others.
-        by_shown = self._covariance @ self.base.main[: self.n_known, self.n_known :]
-        whole = np.asarray(np.linalg.pinv(self.base.normal, hermitian=True), dtype=np.float64)
-        of_shown = whole[self.n_known :, self.n_known :]
-        covariance = (self._covariance + by_shown @ of_shown @ by_shown.T)[np.ix_(own, own)]
+        covariance = self._covariance_beside_shown[np.ix_(own, own)]
         moved, certain = np.zeros(own.size), np.zeros(own.size)
         for chance, each in weighted:
             if axis.number not in each.column.axes:
