@@ -14,6 +14,7 @@ from quadid_logs.identify.actuator_model import KnownActuator
 from quadid_logs.identify.design import Design
 from quadid_logs.identify.inference import intervals
 from quadid_logs.identify.parameters import MAX_RELATIVE_CI
+from quadid_logs.identify.rotors import rotors_known
 from quadid_logs.identify.splice import with_axis_of, with_interval
 from quadid_logs.identify.structural import LARGE_SHIFT, is_late, possible_losses, seen_effects
 from quadid_logs.identify.structures import Structure
@@ -138,17 +139,18 @@ def with_spectral_axes(
         half_lag, half_delay = (NORMAL_95 * float(np.sqrt(fit.covariance[k, k])) for k in (2, 3))
         # What is known of a lag is its logarithm: it may be longer by more than it may be shorter.
         times = float(np.exp(half_lag / lag_s)) if lag_s > 0.0 else 1.0
+        by_speed = rotors_known(data)
         model = replace(
             model,
             actuator=replace(
                 model.actuator,
-                acts_on="torque",
+                acts_on="rotor speed" if by_speed else "torque",
                 lag_s=lag_s,
                 lag_ci95_s=(max(0.0, lag_s - half_lag), lag_s * times),
                 delay_s=delay_s,
                 delay_ci95_s=(max(0.0, delay_s - half_delay), delay_s + half_delay),
-                lag_up_s=float("nan"),
-                lag_down_s=float("nan"),
+                lag_up_s=lag_s if by_speed else float("nan"),
+                lag_down_s=lag_s if by_speed else float("nan"),
             ),
         )
     return model

@@ -18,6 +18,7 @@ from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
 from quadid_logs.data.model import Actuator
 from quadid_logs.data.settings import Settings
+from quadid_logs.identify import identify
 from quadid_logs.load import prepare
 from quadid_logs.simulator import SCENARIOS, fly, manoeuvres, plan_flights
 from quadid_logs.simulator.closed_loop import Tuning
@@ -108,3 +109,24 @@ def test_a_lag_that_is_not_that_of_rotors_leaves_the_torque_as_it_is(flown: Flow
     (segment, *_) = flown.data.segments
     of_torque = replace(flown.actuator, lag_up_s=float("nan"), lag_down_s=float("nan"))
     assert acting_torque(segment, flown.data, of_torque) is segment.torque
+
+
+def test_the_model_that_commands_tell_in_gusts_lags_by_the_speed_of_its_rotors() -> None:
+    """Its estimate took that into account; a loop that is judged with a linear lag contradicts it."""
+    calm = SCENARIOS["sysid-quad-x"]
+    scenario = replace(
+        calm,
+        manoeuvre=partial(manoeuvres.doublets, amplitude_rad_s=1.6, pulse_s=0.2),
+        tuning=Tuning(gain=2.0),
+        effects=replace(calm.effects, disturbance_rad_s2=(2.0, 2.0, 1.0)),
+    )
+    (setup, *_) = plan_flights(scenario, seed=1, duration_s=60.0, rate_hz=RATE_HZ, autopilot="ardupilot")
+    record = fly(setup)
+    data = cut(prepare(log_flights((record,), replace(scenario.logging, rate_hz=RATE_HZ))), Settings().align)
+    found = identify(data, Settings().identify)
+    assert found.recommended is not None
+    actuator = found.recommended.actuator
+    assert actuator is not None
+    assert found.spectral[0].follows_commands
+    assert actuator.acts_on == "rotor speed"
+    assert actuator.lag_up_s == actuator.lag_down_s == actuator.lag_s
