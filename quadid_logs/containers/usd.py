@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 import zlib
 from array import array
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -268,6 +269,9 @@ class _Walk:
         # Of a number that is defined twice the firmware writes the first.
         self._sizes = {kind.number: kind.size for kind in reversed(header.kinds)}
         self._head = np.dtype([("number", "<u2"), ("time", self._clock.stamp)])
+        # Where events could begin, up to where that was looked for, and how far it is looked for next.
+        self._likely: list[int] = []
+        self._searched, self._length = 0, _SEARCH
         self._size_of = np.zeros(1 << 16, np.int64)
         for number, size in self._sizes.items():
             self._size_of[number] = size
@@ -308,8 +312,10 @@ class _Walk:
 
     def _same_ahead(self, at: int, size: int, number: int) -> bool:
         """Say whether the next events are of one kind."""
-        heads = (at + k * size for k in range(1, _CHAIN))
-        return all(self._content[each : each + 2] == number.to_bytes(2, "little") for each in heads)
+        head, last = number.to_bytes(2, "little"), at + (_CHAIN - 1) * size
+        return self._content.startswith(head, at + size) and all(
+            self._content.startswith(head, each) for each in range(at + 2 * size, last + 1, size)
+        )
 
     def _is_chain(self, at: int) -> bool:
         """Say whether events with plausible times follow each other from here on, or to the end.
@@ -338,14 +344,18 @@ class _Walk:
         if at == self._stop - _CHECKSUM and at > self._start:
             self.checksum_wrong = True
             return self._stop
-        begin, length = at + 1, _SEARCH
-        found = self._stop
+        begin, found = at + 1, self._stop
         while begin < self._stop:
-            end = min(begin + length, self._stop)
-            found = next((each for each in self._candidates(begin, end) if self._is_chain(each)), self._stop)
+            if begin >= self._searched:
+                # Each part that is searched is twice as long: a log that is damaged all over takes few of them.
+                self._searched = min(begin + self._length, self._stop)
+                self._length = min(2 * self._length, _LONGEST_SEARCH)
+                self._likely = self._candidates(begin, self._searched)
+            ahead = range(bisect_left(self._likely, begin), len(self._likely))
+            found = next((self._likely[k] for k in ahead if self._is_chain(self._likely[k])), self._stop)
             if found < self._stop:
                 break
-            begin, length = end, min(2 * length, _LONGEST_SEARCH)
+            begin = self._searched
         reason = "an event that the header does not define"
         if found == self._stop:
             reason = "the file ends inside an event"
