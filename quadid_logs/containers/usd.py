@@ -347,7 +347,7 @@ class _Walk:
         begin, found = at + 1, self._stop
         while begin < self._stop:
             if begin >= self._searched:
-                # Each part that is searched is twice as long: a log that is damaged all over takes few of them.
+                # Each part is twice as long as the one before: a log that is damaged all over takes few.
                 self._searched = min(begin + self._length, self._stop)
                 self._length = min(2 * self._length, _LONGEST_SEARCH)
                 self._likely = self._candidates(begin, self._searched)
