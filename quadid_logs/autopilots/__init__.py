@@ -11,7 +11,6 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
@@ -20,6 +19,8 @@ from quadid_logs.errors import SettingsError
 from quadid_logs.vocabulary import AXES
 
 if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
     from quadid_logs.actuation.airframe import Airframe, Unknown
     from quadid_logs.actuation.motors import Rebuilt
     from quadid_logs.align.series import CleanLog
@@ -274,10 +275,12 @@ def known() -> tuple[Autopilot, ...]:
 @cache
 def _installed() -> tuple[Autopilot, ...]:
     """Return the autopilots that other packages bring along."""
-    return tuple(map(_loaded, sorted(metadata.entry_points(group=GROUP), key=lambda each: each.name)))
+    from importlib.metadata import entry_points
+
+    return tuple(map(_loaded, sorted(entry_points(group=GROUP), key=lambda each: each.name)))
 
 
-def _loaded(entry: metadata.EntryPoint) -> Autopilot:
+def _loaded(entry: EntryPoint) -> Autopilot:
     """Import an autopilot of another package, whatever that package does."""
     package = entry.dist.name if entry.dist else entry.value
     hint = f"Update or uninstall the package {package}."

@@ -107,9 +107,11 @@ def vehicle_of(file: Path | None) -> Vehicle | None:
     VehicleFileError
         If it cannot be read, or makes no sense.
     """
+    if file is None:
+        return None
     from quadid_logs.vehicle_file import read_vehicle
 
-    return None if file is None else read_vehicle(file)
+    return read_vehicle(file)
 
 
 def axes_of(text: str) -> tuple[str, ...]:
