@@ -39,6 +39,7 @@ from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
 from quadid_logs.writers import write_log
 from study.draw import draw_flight
+from study.filter_bound import bound
 from study.structural import log_uniform
 from study.tuning import fly_missing, gains_of, read, resting_truth
 
@@ -207,6 +208,23 @@ def measure(seed: int, number: int) -> dict[str, Any]:
     return told | _tuned(scenario, begin, 1000 * seed + 10 * number, ("gains", "filters"))
 
 
+def measure_bound(seed: int, number: int) -> dict[str, Any]:
+    """Search the best filters and gains of one vehicle, which does not fly.
+
+    Parameters
+    ----------
+    seed, number : int
+
+    Returns
+    -------
+    dict
+        Ready for JSON.
+    """
+    scenario, begin, kind = draw_vehicle(seed, number)
+    setup = _setup(scenario, begin, 0)
+    return {"number": number, "seed": seed, "kind": kind, **bound(setup, rotors_hz(setup))}
+
+
 def measure_trouble(seed: int, number: int) -> dict[str, Any]:
     """Fly and tune, with filters, one vehicle that is in trouble.
 
@@ -363,6 +381,21 @@ def table(vehicles: list[dict[str, Any]]) -> Iterator[str]:
         yield f"| {kind} | {len(some)} | {' | '.join(columns)} | {at_least} | {100.0 * kept:.0f} % |"
 
 
+def bound_table(vehicles: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield the lines of the table: the best filters and gains over the best gains behind the flown ones."""
+    yield "| filters as flown | vehicles | gust error | noise | the larger of both |"
+    yield "|---|---|---|---|---|"
+    good = [one for one in vehicles if "error" not in one]
+    for kind in (*KINDS, "all"):
+        some = [one for one in good if kind in ("all", one["kind"])]
+        if not some:
+            continue
+        pairs = [(one["best"]["axes"][axis], one["alone"]["axes"][axis]) for one in some for axis in AXES]
+        ratios = np.array([[new[name] / old[name] for new, old in pairs] for name in ("gusts_rad", "noise")])
+        columns = " | ".join(_spread(each) for each in (*ratios, ratios.max(axis=0)))
+        yield f"| {kind} | {len(some)} | {columns} |"
+
+
 def trouble_table(vehicles: list[dict[str, Any]]) -> Iterator[str]:
     """Yield the lines of the table of the vehicles in trouble, before and after each change."""
     yield "| vehicle | changes | gust error [deg] | noise [% of the command] | least margin over its limit |"
@@ -397,17 +430,25 @@ def main() -> int:
         "--output", type=Path, default=ROOT / "build" / "filters", help="default build/filters"
     )
     parser.add_argument(
-        "--publish", action="store_true", help="write both tables of docs/tuning from the result"
+        "--publish", action="store_true", help="write the tables of docs/tuning from the result"
+    )
+    parser.add_argument(
+        "--bound", action="store_true", help="what the true vehicles could reach, without any flight"
     )
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
-    path = options.output / f"seed-{options.seed}.jsonl"
-    fly_missing(path, options.seed, options.vehicles, 1, measure)
+    path = options.output / f"{'bound' if options.bound else 'seed'}-{options.seed}.jsonl"
+    measured = measure_bound if options.bound else measure
+    fly_missing(path, options.seed, options.vehicles, 1, measured)
     vehicles = [one for one in read(path) if one["number"] < options.vehicles]
-    other = options.output / f"trouble-{options.seed}.jsonl"
-    fly_missing(other, options.seed, len(TROUBLE), 1, measure_trouble)
-    troubled = sorted(read(other), key=lambda one: int(one["number"]))
-    pages = {"filters": table(vehicles), "trouble": trouble_table(troubled)}
+    troubled: list[dict[str, Any]] = []
+    if options.bound:
+        pages = {"filter_bound": bound_table(vehicles)}
+    else:
+        other = options.output / f"trouble-{options.seed}.jsonl"
+        fly_missing(other, options.seed, len(TROUBLE), 1, measure_trouble)
+        troubled = sorted(read(other), key=lambda one: int(one["number"]))
+        pages = {"filters": table(vehicles), "trouble": trouble_table(troubled)}
     for name, lines in pages.items():
         text = "\n".join(lines) + "\n"
         print(text)
