@@ -44,10 +44,6 @@ def beside(value: float, limit: float, decimals: int) -> str:
         In one unit; the limit is written beside it.
     decimals : int
         At least; three more at most.
-
-    Returns
-    -------
-    str
     """
     most = decimals + 3
     while decimals < most and value != limit and round(value, decimals) == limit:

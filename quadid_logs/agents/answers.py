@@ -21,10 +21,6 @@ Answer = dict[str, Any]
 class Folders:
     """The folders that may be read.
 
-    Parameters
-    ----------
-    allowed : sequence of Path
-
     Raises
     ------
     SettingsError
@@ -110,13 +106,24 @@ def analyze(log: Path, vehicle: Path | None = None) -> Answer:
     content = json.loads(json.dumps(result_dict(result), default=str))
     model = result.identification.recommended
     recommended: Answer = next((one for one in content["models"] if one.get("recommended")), {})
+    # Margins and replay of each axis, without curves
+    closed_loop = content["closed_loop"]
+    if closed_loop is None:
+        loop = None
+    else:
+        kept = ("margins", "replay", "prediction", "known_hz", "contradicted")
+        loop = {
+            axis: {name: one[name] for name in kept if name in one}
+            for axis, one in closed_loop["axes"].items()
+            if one is not None
+        }
     return {
         "verdict": {axis: one.verdict for axis, one in result.diagnosis.axes.items()},
         "exit_code": 0 if result.diagnosis.usable else 1,
         "axes": content["axes"],
         "findings": content["findings"],
         "model": None if model is None else {"structure": model.structure, **_model(recommended)},
-        "closed_loop": _loop(content["closed_loop"]),
+        "closed_loop": loop,
         "health": content["health"],
         "log": content["log"],
     }
@@ -125,18 +132,6 @@ def analyze(log: Path, vehicle: Path | None = None) -> Answer:
 def _model(recommended: Mapping[str, Any]) -> Answer:
     return {
         name: recommended[name] for name in ("actuator", "parameters", "validation") if name in recommended
-    }
-
-
-def _loop(closed_loop: Mapping[str, Any] | None) -> Answer | None:
-    """Return margins and replay of each axis, without curves."""
-    if closed_loop is None:
-        return None
-    kept = ("margins", "replay", "prediction", "known_hz", "contradicted")
-    return {
-        axis: {name: one[name] for name in kept if name in one}
-        for axis, one in closed_loop["axes"].items()
-        if one is not None
     }
 
 

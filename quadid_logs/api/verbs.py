@@ -218,7 +218,23 @@ def check(
         ...
     quadid_logs.errors.SettingsError: The earlier flight has no promise to check. ...
     """
-    held = _promise(promised, settings, vehicle)
+    # A promise, that of a file, or what a flight promises of the next one
+    if isinstance(promised, Promise):
+        held = promised
+    elif isinstance(promised, str | Path) and (
+        Path(promised).is_dir() or Path(promised).suffix.lower() == ".json"
+    ):
+        held = read_promise(Path(promised))
+    else:
+        before = _analyzed(promised, settings, vehicle)
+        found = promise.promise_of(
+            before, tuning.tuning_of(before), provenance_of(before.log.path).log_sha256
+        )
+        if found is None:
+            raise SettingsError(
+                "The earlier flight has no promise to check.", hint="See what tune(...) says about it."
+            )
+        held = found
     after = _analyzed(log, settings, vehicle)
     return promise.check(held, after, provenance_of(after.log.path).log_sha256)
 
@@ -374,22 +390,3 @@ def _is_name(text: str) -> bool:
 def _analyzed(log: LogLike | Result, settings: Settings | None, vehicle: Vehicle | None) -> Result:
     """Return a result unchanged; analyze anything else."""
     return log if isinstance(log, Result) else analyze(log, settings, vehicle=vehicle)
-
-
-def _promise(
-    promised: Promise | LogLike | Result, settings: Settings | None, vehicle: Vehicle | None
-) -> Promise:
-    """Return a promise, that of a file, or what a flight promises of the next one."""
-    if isinstance(promised, Promise):
-        return promised
-    if isinstance(promised, str | Path) and (
-        Path(promised).is_dir() or Path(promised).suffix.lower() == ".json"
-    ):
-        return read_promise(Path(promised))
-    before = _analyzed(promised, settings, vehicle)
-    found = promise.promise_of(before, tuning.tuning_of(before), provenance_of(before.log.path).log_sha256)
-    if found is None:
-        raise SettingsError(
-            "The earlier flight has no promise to check.", hint="See what tune(...) says about it."
-        )
-    return found

@@ -21,6 +21,7 @@ from quadid_logs.cli.options import (
     EndS,
     Force,
     LogNumber,
+    SampleRateHz,
     StartS,
     System,
     VehicleFile,
@@ -96,10 +97,7 @@ def analyze(
     ] = "",
     start_s: StartS = None,
     end_s: EndS = None,
-    sample_rate_hz: Annotated[
-        float,
-        typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0: chosen from the log."),
-    ] = 0.0,
+    sample_rate_hz: SampleRateHz = 0.0,
     window: Annotated[
         int, typer.Option("--window", metavar="N", help="Samples per window; 0: as many as unknowns.")
     ] = 0,

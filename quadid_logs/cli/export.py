@@ -10,7 +10,18 @@ import typer
 from quadid_logs.cli.failure import report_problem, say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.longest import analyze_longest
-from quadid_logs.cli.options import EndS, LogNumber, Quiet, StartS, System, settings_of, vehicle_of
+from quadid_logs.cli.options import (
+    EndS,
+    ForceFile,
+    LogFile,
+    LogNumber,
+    Quiet,
+    SampleRateHz,
+    StartS,
+    System,
+    settings_of,
+    vehicle_of,
+)
 from quadid_logs.cli.progress import Progress
 from quadid_logs.output import check_free, new_folder, write_beside
 from quadid_logs.untrusted import printable
@@ -21,10 +32,7 @@ if TYPE_CHECKING:
 
 
 def export(
-    log: Annotated[
-        Path,
-        typer.Argument(metavar="LOG", help="Flight log. The content decides its format, not its name."),
-    ],
+    log: LogFile,
     output: Annotated[
         Path,
         typer.Option(
@@ -59,13 +67,10 @@ def export(
         tuple[float, float] | None,
         typer.Option("--band", metavar="LOW HIGH", help="With --model: fit from LOW to HIGH [Hz]."),
     ] = None,
-    sample_rate_hz: Annotated[
-        float,
-        typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0: chosen from the log."),
-    ] = 0.0,
+    sample_rate_hz: SampleRateHz = 0.0,
     system: System = 0,
     log_number: LogNumber = 0,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+    force: ForceFile = False,
     quiet: Quiet = False,
 ) -> int:
     """Write the aligned series that analyze works on, or the model for another program."""

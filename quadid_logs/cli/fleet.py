@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from quadid_logs.cli.failure import report_problem, say
-from quadid_logs.cli.options import Band, vehicle_of
+from quadid_logs.cli.options import Band, Quiet, vehicle_of
 from quadid_logs.cli.progress import span_words
 from quadid_logs.cli.terminal import is_terminal
 from quadid_logs.counting import counted
@@ -90,7 +90,7 @@ def fleet(
             "--timeout", metavar="MINUTES", help="Longest time for one log; after that it counts as lost."
         ),
     ] = 30.0,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")] = False,
+    quiet: Quiet = False,
 ) -> int:
     """Analyze all logs, one row per log, flight and axis, on this machine's cores or on a cluster.
 

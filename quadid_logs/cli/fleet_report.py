@@ -9,6 +9,7 @@ import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.fleet import NOTHING_USABLE
+from quadid_logs.cli.options import ForceFile, StoreFolder
 from quadid_logs.cli.query import report_set_aside
 from quadid_logs.output import check_free, new_folder, write_beside
 from quadid_logs.untrusted import printable
@@ -18,11 +19,11 @@ _UNDECIDED = 3
 
 
 def fleet_report(
-    store: Annotated[Path, typer.Argument(metavar="STORE", help="Store that `quadid-log fleet` made.")],
+    store: StoreFolder,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="FILE.html", help="The page.")] = Path(
         "fleet.html"
     ),
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+    force: ForceFile = False,
 ) -> int:
     """Show every vehicle over its history: what changed when, and which vehicles are outliers.
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from quadid_logs.cli.failure import say
 from quadid_logs.cli.logs import check_log
 from quadid_logs.cli.options import (
     AsJson,
     EndS,
+    LogFile,
     LogNumber,
     NoProgress,
     StartS,
@@ -27,10 +24,7 @@ from quadid_logs.errors import SeveralLogsError
 
 
 def info(
-    log: Annotated[
-        Path,
-        typer.Argument(metavar="LOG", help="Flight log. The content decides its format, not its name."),
-    ],
+    log: LogFile,
     start_s: StartS = None,
     end_s: EndS = None,
     system: System = 0,

@@ -44,6 +44,14 @@ LogNumber = Annotated[
         "--log", metavar="N", help="Number of the log, if the file holds several; `info` lists them."
     ),
 ]
+LogFile = Annotated[
+    Path, typer.Argument(metavar="LOG", help="Flight log. The content decides its format, not its name.")
+]
+StoreFolder = Annotated[Path, typer.Argument(metavar="STORE", help="Store that `quadid-log fleet` made.")]
+SampleRateHz = Annotated[
+    float,
+    typer.Option("--sample-rate-hz", metavar="HZ", help="Resample to this rate; 0: chosen from the log."),
+]
 VehicleFile = Annotated[
     Path | None, typer.Option("--vehicle", metavar="FILE.toml", help="Mass, arms, thrust of the vehicle.")
 ]
@@ -61,6 +69,7 @@ AxisNames = Annotated[
 ]
 OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+ForceFile = Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace the files of an earlier run.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print problems only.")]
 NoProgress = Annotated[bool, typer.Option("-q", "--quiet", help="Print only the result, no progress.")]

@@ -7,12 +7,12 @@ import io
 from collections.abc import Iterator, Sequence
 from itertools import chain, islice
 from numbers import Number
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from quadid_logs.cli.failure import report_problem, say
+from quadid_logs.cli.options import StoreFolder
 from quadid_logs.errors import SettingsError
 from quadid_logs.untrusted import printable
 
@@ -32,7 +32,7 @@ _FORMULA = ("=", "+", "-", "@")
 
 
 def query(
-    store: Annotated[Path, typer.Argument(metavar="STORE", help="Store that `quadid-log fleet` made.")],
+    store: StoreFolder,
     sql: Annotated[str, typer.Argument(metavar="SQL", help='SQL query; the table is called "fleet".')],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for each row.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print comma-separated values.")] = False,

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from quadid_logs.cli.failure import flush, report_problem, say
+from quadid_logs.cli.options import OpenPage
 
 
 def serve(
@@ -22,7 +23,7 @@ def serve(
             help="Port of the server; 0: a free one [default: 8723].",
         ),
     ] = None,
-    open_page: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    open_page: OpenPage = False,
     store: Annotated[
         Path | None,
         typer.Option(

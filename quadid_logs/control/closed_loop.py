@@ -209,11 +209,6 @@ def loop_around(controller: AxisController, plants: Plant, known_hz: float) -> t
         The estimate, then vehicles drawn around it.
     known_hz : float
         Up to where measurement supports the model.
-
-    Returns
-    -------
-    margins : LoopMargins
-    curve : LoopCurve
     """
     loop = close(controller, plants, fine_grid_hz(controller.period_s))
     n, runs_away = integrators(controller), plants.damping > 0.0

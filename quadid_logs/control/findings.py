@@ -135,12 +135,7 @@ def _margin(axis: str, found: AxisLoop) -> Finding | None:
 
 
 def as_evidence(figure: Estimated) -> dict[str, object]:
-    """Return a figure and its interval, each by its name.
-
-    Returns
-    -------
-    dict
-    """
+    """Return a figure and its interval, each by its name."""
     return {"value": rounded(figure.value, 3), "ci95": [rounded(end, 3) for end in figure.ci95]}
 
 

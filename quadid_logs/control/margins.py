@@ -204,10 +204,6 @@ def figures_of(
     frequency_hz, loop, integrators, unstable_poles
         As of `margins_of`; integrators may be those of each loop, (n_plants,).
 
-    Returns
-    -------
-    LoopFigures
-
     Notes
     -----
     Disk margin: P. Seiler, A. Packard, P. Gahinet, "An introduction to disk margins," IEEE Control Systems
@@ -231,10 +227,6 @@ def figures_and_worse(
         As of `figures_of`.
     known_hz : float
         As of `unmodelled`.
-
-    Returns
-    -------
-    found, worse : LoopFigures
     """
 
     def figures(curve: _Curve) -> LoopFigures:

@@ -55,7 +55,19 @@ def find_in_torque(log: FlightLog, data: FlightData, identification: Identificat
         return
     if not model.n_rotors and data.input.unit == "1":
         yield finding("QL309", "info", {"why": model.remarks, "pass": model.needs}, advice=_pass(model.needs))
-    yield from _mixer(model, data.input)
+    # Say that pulse widths do not follow from the commands
+    check = model.check
+    if check is not None and not check.fits and not data.input.achieved:
+        yield finding(
+            "QL307",
+            "info",
+            {
+                "n_samples": check.n_samples,
+                "mean_us": rounded(check.mean_us),
+                "std_us": rounded(check.std_us),
+                "air_density": check.density,
+            },
+        )
     if model.refused:
         yield finding("QL308", "info", {"why": list(model.refused)})
     if data.segments:
@@ -97,22 +109,6 @@ def _pass(needs: tuple[str, ...]) -> str:
         "For torque in N m, describe the vehicle with --vehicle FILE.toml. Still missing: "
         f"{'; '.join(needs)}."
     )
-
-
-def _mixer(model: TorqueModel, given: InputDescription) -> Iterator[Finding]:
-    """Say that pulse widths do not follow from the commands."""
-    check = model.check
-    if check is not None and not check.fits and not given.achieved:
-        yield finding(
-            "QL307",
-            "info",
-            {
-                "n_samples": check.n_samples,
-                "mean_us": rounded(check.mean_us),
-                "std_us": rounded(check.std_us),
-                "air_density": check.density,
-            },
-        )
 
 
 def _saturation(model: TorqueModel, given: InputDescription) -> Iterator[Finding]:

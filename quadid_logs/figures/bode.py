@@ -13,7 +13,7 @@ from quadid_logs.data.flight import FlightData
 from quadid_logs.data.log import GyroFilter
 from quadid_logs.data.model import Model, Response
 from quadid_logs.data.result import Result
-from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
+from quadid_logs.figures.spec import FREQUENCY, Axis, Band, Curve, Figure, LeftOut, Level, Panel
 from quadid_logs.figures.time_series import torque_axis
 from quadid_logs.identify.select import most_excited
 from quadid_logs.maths.band import ComplexArray, delay_response, gyro_response, lag_response
@@ -33,7 +33,6 @@ _BY_COMMANDS = (
     ", or from the response to commands alone if the axis is identified from that (in sixths of octaves, "
     "and without small points)"
 )
-_FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
 #: Of a line beyond the first and the last dot: a sixth of an octave.
 _BEYOND = 2.0 ** (1.0 / 6.0)
 _LINE_POINTS = 100
@@ -184,7 +183,7 @@ def _axis(
         ),
         Panel(
             title=f"{name.capitalize()}: coherence",
-            x=_FREQUENCY,
+            x=FREQUENCY,
             y=Axis(label="coherence", low=0.0, high=1.02),
             curves=(Curve(label="coherence", x=frequency_hz, y=spectra.coherence[band], role=name),),
             levels=(Level(value=_WORTH_SHOWING, role="muted"),),
@@ -246,7 +245,7 @@ def _panel(title: str, y: Axis, curves: tuple[Curve, ...]) -> Panel:
         keep = np.isfinite(curve.y) & ((curve.y > 0.0) if y.log else np.ones(curve.y.shape, dtype=bool))
         low, high = (None if each is None else each[keep] for each in (curve.low, curve.high))
         kept.append(replace(curve, x=curve.x[keep], y=curve.y[keep], low=low, high=high))
-    return Panel(title=title, x=_FREQUENCY, y=y, curves=tuple(kept), height=_HEIGHT)
+    return Panel(title=title, x=FREQUENCY, y=y, curves=tuple(kept), height=_HEIGHT)
 
 
 def model_response(model: Model, frequency_hz: FloatArray, gyro_filter: GyroFilter) -> ComplexArray:

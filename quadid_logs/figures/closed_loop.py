@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
 from quadid_logs.control.room import whole
 from quadid_logs.data.closed_loop import AxisLoop, LoopCurve
 from quadid_logs.data.result import Result
-from quadid_logs.figures.spec import Axis, Band, Curve, Figure, Label, LeftOut, Level, Mark, Panel, Ribbon
+from quadid_logs.figures.spec import (
+    BODY_RATE,
+    FREQUENCY,
+    Axis,
+    Band,
+    Curve,
+    Figure,
+    Label,
+    LeftOut,
+    Level,
+    Mark,
+    Panel,
+    Ribbon,
+)
 from quadid_logs.figures.thinning import thin_line
-from quadid_logs.figures.time_series import TIME, spans, torque_axis
+from quadid_logs.figures.time_series import CLOSE_LOOK_S, TIME, spans, torque_axis
 
-#: As long as an eye can follow at the loop's own speed [s].
-_CLOSE_LOOK_S = 5.0
-_FREQUENCY: Final = Axis(label="frequency", unit="Hz", log=True)
-_RATE: Final = Axis(label="body rate", unit="deg/s")
 #: Farther from zero than this, an open loop says nothing about stability.
 _NYQUIST = 3.0
 #: A rate loop that is of use answers within this time [s].
-_STEP_S = 1.5
+STEP_S = 1.5
 
 
 def loop_figures(result: Result) -> list[Figure | LeftOut]:
@@ -93,7 +100,7 @@ def _tracking(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
         return ()
     series = found.prediction.series
     parts = [
-        (series.time_s >= start_s) & (series.time_s <= min(end_s, start_s + _CLOSE_LOOK_S))
+        (series.time_s >= start_s) & (series.time_s <= min(end_s, start_s + CLOSE_LOOK_S))
         for start_s, end_s in spans(series.time_s, series.held_out)
     ]
     chosen = max(parts, key=lambda part: float(np.std(series.torque[part])))
@@ -108,7 +115,7 @@ def _tracking(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
         Panel(
             title=f"{name}: rate",
             x=TIME,
-            y=_RATE,
+            y=BODY_RATE,
             curves=(
                 curve("set-point", np.degrees(series.setpoint), "series-1", "dashed"),
                 curve("measured", np.degrees(series.rate), "measured", "wide"),
@@ -150,7 +157,7 @@ def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     return (
         Panel(
             title=f"{name}: gain",
-            x=_FREQUENCY,
+            x=FREQUENCY,
             y=Axis(label="gain", unit="dB", low=-60.0, high=40.0),
             curves=(
                 Curve(label="model", x=x, y=decibels(np.abs(curve.response)), role="modelled"),
@@ -163,7 +170,7 @@ def _bode(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
         ),
         Panel(
             title=f"{name}: phase",
-            x=_FREQUENCY,
+            x=FREQUENCY,
             y=Axis(label="phase", unit="deg", low=-360.0, high=0.0),
             curves=(Curve(label="model", x=x, y=np.degrees(model_rad), role="modelled"), *angles),
             ribbons=(_interval(x, np.degrees(curve.phase_low), np.degrees(curve.phase_high)),),
@@ -230,7 +237,7 @@ def _step(axis: str, found: AxisLoop) -> tuple[Panel, ...]:
     step = found.step
     if step is None:
         return ()
-    shown = step.time_s <= _STEP_S
+    shown = step.time_s <= STEP_S
     x = step.time_s[shown]
     curves = [Curve(label="model", x=x, y=step.response[shown], role="modelled")]
     if step.measured is not None:

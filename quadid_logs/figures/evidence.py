@@ -13,7 +13,7 @@ from quadid_logs.data.result import Result
 from quadid_logs.figures.bode import response_to_commands_panel
 from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Panel, Ribbon
 from quadid_logs.figures.thinning import thin_line
-from quadid_logs.figures.time_series import RATE_AXIS, spans
+from quadid_logs.figures.time_series import CLOSE_LOOK_S, RATE_AXIS, spans
 from quadid_logs.identify.parameters import MIN_SIMULATED_R2
 from quadid_logs.maths.band import high_pass
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
@@ -21,10 +21,8 @@ from quadid_logs.vocabulary import AXES, RATE_SYMBOLS
 KEY: Final = "evidence"
 _TITLE = "Validation data: measured and predicted rates"
 _TITLE_BY_COMMANDS = "Measured and predicted"
-#: As long as an eye can follow a manoeuvre [s].
-_CLOSE_LOOK_S = 5.0
 _IN_TIME = (
-    f"The most excited part of each axis, up to {_CLOSE_LOOK_S:g} s [deg/s]. Simulated from the logged "
+    f"The most excited part of each axis, up to {CLOSE_LOOK_S:g} s [deg/s]. Simulated from the logged "
     "torque only, without motion slower than the fitted band ({hz:.2g} Hz)."
 )
 _BY_COMMANDS = (
@@ -202,12 +200,12 @@ def most_excited_seconds(fit: FitSeries, column: int) -> BoolArray | None:
     Returns
     -------
     ndarray of bool, shape (n_samples,), or None
-        At most the first `_CLOSE_LOOK_S` of the held-out segment whose
+        At most the first `CLOSE_LOOK_S` of the held-out segment whose
         acceleration has the largest standard deviation; None without any.
     """
     # At most as many seconds as an eye can follow.
     ends_s = (
-        (start_s, min(end_s, start_s + _CLOSE_LOOK_S)) for start_s, end_s in spans(fit.time_s, fit.held_out)
+        (start_s, min(end_s, start_s + CLOSE_LOOK_S)) for start_s, end_s in spans(fit.time_s, fit.held_out)
     )
     segments = [(fit.time_s >= start_s) & (fit.time_s <= end_s) for start_s, end_s in ends_s]
     segments = [chosen for chosen in segments if np.count_nonzero(chosen) > 1]

@@ -7,11 +7,10 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import Excitation
 from quadid_logs.data.result import Result
-from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Panel
+from quadid_logs.figures.spec import FREQUENCY, Axis, Band, Curve, Figure, LeftOut, Level, Panel
 from quadid_logs.figures.thinning import thin_line
 from quadid_logs.figures.time_series import torque_axis
 
-_FREQUENCY = Axis(label="frequency", unit="Hz", log=True)
 #: Coherence above this means that noise takes less than half of what is seen.
 _HALF = 0.5
 
@@ -43,21 +42,21 @@ def excitation_spectra(result: Result) -> Figure | LeftOut:
     panels = (
         Panel(
             title="Body rate",
-            x=_FREQUENCY,
+            x=FREQUENCY,
             y=Axis(label="rate density", unit="(deg/s)²/Hz", log=True),
             curves=tuple(_curve(item, item.rate_psd * np.degrees(1.0) ** 2) for item in shown),
             bands=bands,
         ),
         Panel(
             title="Torque",
-            x=_FREQUENCY,
+            x=FREQUENCY,
             y=Axis(label="torque density", unit=density, log=True),
             curves=tuple(_curve(item, item.torque_psd) for item in shown),
             bands=bands,
         ),
         Panel(
             title="Coherence of rate and torque",
-            x=_FREQUENCY,
+            x=FREQUENCY,
             y=Axis(label="coherence", low=0.0, high=1.02),
             curves=tuple(_curve(item, item.coherence) for item in shown),
             bands=bands,

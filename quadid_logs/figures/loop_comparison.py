@@ -10,18 +10,15 @@ import numpy as np
 from quadid_logs.arrays import FloatArray
 from quadid_logs.data.closed_loop import AxisLoop, LoopCurve, Step
 from quadid_logs.data.result import Result
-from quadid_logs.figures.closed_loop import decibels, phase_of
-from quadid_logs.figures.spec import Axis, Curve, Figure, LeftOut, Level, Panel, Ribbon
+from quadid_logs.figures.closed_loop import STEP_S, decibels, phase_of
+from quadid_logs.figures.spec import FREQUENCY, Axis, Curve, Figure, LeftOut, Level, Panel, Ribbon
 from quadid_logs.vocabulary import AXES
 
 _KEY: Final = "compare-loop"
 _TITLE: Final = "The loops before and after"
-_FREQUENCY: Final = Axis(label="frequency", unit="Hz", log=True)
 _GAIN: Final = Axis(label="gain", unit="dB", low=-60.0, high=40.0)
 _PHASE: Final = Axis(label="phase", unit="deg", low=-360.0, high=0.0)
 _SECONDS: Final = Axis(label="time after the step", unit="s")
-#: A rate loop that is of use answers within this time [s].
-_STEP_S: Final = 1.5
 
 
 class _Style(NamedTuple):
@@ -125,7 +122,7 @@ def _gains_and_phases(drawn: Mapping[str, _Drawn]) -> tuple[Panel, ...]:
     gains = (
         Panel(
             title=f"{axis.capitalize()}: gain",
-            x=_FREQUENCY,
+            x=FREQUENCY,
             y=_GAIN,
             curves=tuple(
                 style.curve(one.frequency_hz, decibels(np.abs(one.response))) for one, style in known
@@ -141,7 +138,7 @@ def _gains_and_phases(drawn: Mapping[str, _Drawn]) -> tuple[Panel, ...]:
     phases = (
         Panel(
             title=f"{axis.capitalize()}: phase",
-            x=_FREQUENCY,
+            x=FREQUENCY,
             y=_PHASE,
             curves=tuple(style.curve(one.frequency_hz, np.degrees(phase_of(one))) for one, style in known),
             ribbons=tuple(
@@ -158,7 +155,7 @@ def _gains_and_phases(drawn: Mapping[str, _Drawn]) -> tuple[Panel, ...]:
 def _step(axis: str, steps: Sequence[tuple[Step, _Style]]) -> Panel:
     curves, ribbons = [], []
     for one, style in steps:
-        shown = one.time_s <= _STEP_S
+        shown = one.time_s <= STEP_S
         x = one.time_s[shown]
         curves.append(style.curve(x, one.response[shown]))
         ribbons.append(style.ribbon(x, one.low[shown], one.high[shown]))

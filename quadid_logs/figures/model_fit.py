@@ -11,9 +11,9 @@ from quadid_logs.arrays import FloatArray
 from quadid_logs.data.model import FitSeries, Model
 from quadid_logs.data.result import Result
 from quadid_logs.figures.evidence import RUNS_AWAY, most_excited_seconds
-from quadid_logs.figures.spec import Axis, Band, Curve, Figure, LeftOut, Level, Mark, Panel
+from quadid_logs.figures.spec import BODY_RATE, Axis, Band, Curve, Figure, LeftOut, Level, Mark, Panel
 from quadid_logs.figures.thinning import CARRIED, thin_line
-from quadid_logs.figures.time_series import MOST_BANDS, TIME, spans
+from quadid_logs.figures.time_series import CLOSE_LOOK_S, MOST_BANDS, TIME, spans
 from quadid_logs.vocabulary import (
     ACCELERATION_SYMBOLS,
     AXES,
@@ -23,12 +23,10 @@ from quadid_logs.vocabulary import (
 )
 
 _ACCELERATION = Axis(label="angular acceleration", unit="deg/s²")
-_RATE = Axis(label="body rate", unit="deg/s")
 _HELD_OUT = " Shaded: validation data, which the fit did not use. Judge the model there."
 _SERIES_ROLES = 4
 #: So many structures have names that need half of a page.
 _MANY_STRUCTURES = 4
-_CLOSE_LOOK_S = 5.0
 
 
 def fit_figures(result: Result) -> list[Figure | LeftOut]:
@@ -66,13 +64,13 @@ def _close_look(model: Model, fit: FitSeries) -> Figure | LeftOut:
             return LeftOut(key="held-out", title=title, reason="No data were kept for validation.")
         acceleration = (fit.acceleration[chosen], fit.modelled_acceleration[chosen])
         rate = (fit.rate[chosen], fit.simulated_rate[chosen])
-        for series, axis in ((acceleration, _ACCELERATION), (rate, _RATE)):
+        for series, axis in ((acceleration, _ACCELERATION), (rate, BODY_RATE)):
             panels.append(_pair(fit.time_s[chosen], series, ("measured", "model"), axis)[column])
     return Figure(
         key="held-out",
         title=title,
         caption=(
-            f"The most excited validation data of each axis, up to {_CLOSE_LOOK_S:g} s. The fit did not use "
+            f"The most excited validation data of each axis, up to {CLOSE_LOOK_S:g} s. The fit did not use "
             "them. Left: the measured angular acceleration, and that caused by the torque in the model. "
             "Right: the measured rate, and that simulated from the logged torque only. Where the lines "
             "differ, the model is wrong."
@@ -135,7 +133,7 @@ def _noted(panels: list[Panel], notes: list[str]) -> tuple[Panel, ...]:
 def _simulation(model: Model, fit: FitSeries) -> Figure:
     """Compare the rates that the model predicts with the measured ones."""
     series = (fit.rate, fit.simulated_rate)
-    panels = _pair(fit.time_s, series, ("measured", "simulated"), _RATE, _held_out(fit))
+    panels = _pair(fit.time_s, series, ("measured", "simulated"), BODY_RATE, _held_out(fit))
     known = model.validation.r2_simulated_rate
     notes = [_r2_note(known.get(symbol)) for symbol in RATE_SYMBOLS]
     return Figure(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from quadid_logs.arrays import FloatArray
 
@@ -170,6 +170,11 @@ class Figure:
         drawn = io.BytesIO()
         write_png(self, drawn)
         return drawn.getvalue()
+
+
+#: Of several figures.
+FREQUENCY: Final = Axis(label="frequency", unit="Hz", log=True)
+BODY_RATE: Final = Axis(label="body rate", unit="deg/s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

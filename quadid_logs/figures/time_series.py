@@ -12,6 +12,8 @@ from quadid_logs.figures.thinning import CARRIED, break_at_gaps, thin_line, thin
 from quadid_logs.untrusted import printable
 from quadid_logs.vocabulary import AXES, RATE_SYMBOLS, TORQUE_SYMBOLS
 
+#: As long as an eye can follow a manoeuvre [s].
+CLOSE_LOOK_S = 5.0
 TIME = Axis(label="time on the log's clock", unit="s")
 RATE_AXIS = Axis(label="body rate", unit="deg/s")
 ANGLE_AXIS = Axis(label="angle", unit="deg")

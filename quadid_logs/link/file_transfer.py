@@ -48,12 +48,7 @@ class Entry(NamedTuple):
 
 
 class FileTransfer:
-    """Files on the vehicle.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-    """
+    """Files on the vehicle."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle

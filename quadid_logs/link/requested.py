@@ -39,14 +39,7 @@ def requested_logs(vehicle: Vehicle) -> dict[int, tuple[int, int]]:
 
 
 class RequestedLog:
-    """One of these logs.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-    number : int
-    size : int
-    """
+    """One of these logs."""
 
     def __init__(self, vehicle: Vehicle, number: int, size: int) -> None:
         self._vehicle, self._number, self._size = vehicle, number, size

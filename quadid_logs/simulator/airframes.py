@@ -216,7 +216,22 @@ def adapted(airframe: SimulatedAirframe, vehicle: Vehicle) -> SimulatedAirframe:
         changes["max_thrust_n"] = vehicle.max_thrust_n
     if vehicle.torque_to_thrust_m is not None:
         changes["torque_to_thrust_m"] = vehicle.torque_to_thrust_m
-    changes |= _rotor_changes(airframe, vehicle)
+    # Rotor positions and spins, or the arm length alone
+    if vehicle.rotors:
+        if len(vehicle.rotors) != airframe.n_rotors:
+            raise SimulationError(
+                f"The vehicle file has {len(vehicle.rotors)} rotors, the scenario {airframe.n_rotors}.",
+                hint="Choose a scenario with that number of rotors, or give arm_length_m instead.",
+            )
+        rotor_changes = {
+            "position_m": np.array([rotor.position_m for rotor in vehicle.rotors], dtype=np.float64),
+            "spin": np.array([1.0 if rotor.spin == "ccw" else -1.0 for rotor in vehicle.rotors]),
+        }
+    elif vehicle.arm_length_m is not None:
+        rotor_changes = {"position_m": airframe.position_m * vehicle.arm_length_m / _reach(airframe)}
+    else:
+        rotor_changes = {}
+    changes |= rotor_changes
     changed = dataclasses.replace(airframe, **changes)  # type: ignore[arg-type]
     if vehicle.inertia_kg_m2 is not None:
         if not np.isfinite(vehicle.inertia_kg_m2).all():
@@ -236,23 +251,6 @@ def adapted(airframe: SimulatedAirframe, vehicle: Vehicle) -> SimulatedAirframe:
             hint="Check mass_kg against max_thrust_n (one rotor, full battery) in the vehicle file.",
         )
     return changed
-
-
-def _rotor_changes(airframe: SimulatedAirframe, vehicle: Vehicle) -> dict[str, object]:
-    """Rotor positions and spins, or the arm length alone."""
-    if vehicle.rotors:
-        if len(vehicle.rotors) != airframe.n_rotors:
-            raise SimulationError(
-                f"The vehicle file has {len(vehicle.rotors)} rotors, the scenario {airframe.n_rotors}.",
-                hint="Choose a scenario with that number of rotors, or give arm_length_m instead.",
-            )
-        return {
-            "position_m": np.array([rotor.position_m for rotor in vehicle.rotors], dtype=np.float64),
-            "spin": np.array([1.0 if rotor.spin == "ccw" else -1.0 for rotor in vehicle.rotors]),
-        }
-    if vehicle.arm_length_m is not None:
-        return {"position_m": airframe.position_m * vehicle.arm_length_m / _reach(airframe)}
-    return {}
 
 
 def _reach(airframe: SimulatedAirframe) -> float:

@@ -704,7 +704,21 @@ def _inputs(setup: Setup) -> Iterator[tuple[bool, PlanRow, Triple, Triple, Tripl
         setup.effects, setup.airframe.inertia_kg_m2, n, step_s, generator(setup, "disturbance")
     )
     above = (height, np.gradient(height, time_s), *_plan(setup))
-    outside = (_gyro_noise(setup), wind, torque)
+    # White noise of the gyro over its sampled bandwidth, and what rings [rad/s], shape (n_steps, 3)
+    rng = generator(setup, "gyro")
+    sigma = setup.noise.gyro_rad_s_per_rthz * math.sqrt(0.5 * setup.loop_hz)
+    white = sigma * rng.standard_normal((n_steps(setup), 3))
+    if not setup.noise.frame_line_rad_s:
+        gyro_noise = white
+    else:
+        gyro_noise = white + ringing(
+            setup.noise.frame_line_hz,
+            setup.noise.frame_line_rad_s,
+            n_steps(setup),
+            setup.loop_hz,
+            generator(setup, "frame line"),
+        )
+    outside = (gyro_noise, wind, torque)
     rows = zip(*(series.tolist() for series in (active, *above, *outside)), strict=True)
     for run, *plan, noise, blown, disturbed in rows:
         yield run, PlanRow(*plan), noise, blown, disturbed
@@ -728,22 +742,6 @@ def _plan(setup: Setup) -> tuple[FloatArray, FloatArray, FloatArray]:
     rate[rows], torque[rows] = reference.rate_rad_s, reference.torque
     slopes = np.asarray(np.gradient(euler, 1.0 / setup.loop_hz, axis=0), dtype=np.float64)
     return quaternion_from_euler(euler), rate + body_rates(euler, slopes), torque
-
-
-def _gyro_noise(setup: Setup) -> FloatArray:
-    """White noise of the gyro over its sampled bandwidth, and what rings [rad/s], shape (n_steps, 3)."""
-    rng = generator(setup, "gyro")
-    sigma = setup.noise.gyro_rad_s_per_rthz * math.sqrt(0.5 * setup.loop_hz)
-    white = sigma * rng.standard_normal((n_steps(setup), 3))
-    if not setup.noise.frame_line_rad_s:
-        return white
-    return white + ringing(
-        setup.noise.frame_line_hz,
-        setup.noise.frame_line_rad_s,
-        n_steps(setup),
-        setup.loop_hz,
-        generator(setup, "frame line"),
-    )
 
 
 def generator(setup: Setup, purpose: str) -> np.random.Generator:

@@ -38,10 +38,9 @@ from quadid_logs.writers.log_series import (
     imu_rates,
     write_clock,
 )
-from quadid_logs.writers.records import Column, Field, Records, write_merged
+from quadid_logs.writers.records import RPM, Column, Field, Records, write_merged
 
 DEG = 180.0 / math.pi
-RPM = 30.0 / math.pi
 #: ArduCopter/defines.h, `LogEvent`.
 ARMED, DISARMED, LAND_COMPLETE, NOT_LANDED = 10, 11, 18, 28
 #: Rate of ATT whatever the bitmask (ArduCopter/Copter.cpp, `ten_hz_logging_loop`) [µs].

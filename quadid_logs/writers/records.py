@@ -8,6 +8,7 @@ FlightLog itself.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, BinaryIO
@@ -16,6 +17,8 @@ import numpy as np
 
 from quadid_logs.arrays import AnyArray, IntArray
 
+#: Revolutions a minute in a rad/s.
+RPM = 30.0 / math.pi
 #: Rows merged at once: large enough for numpy, small enough for any memory.
 BLOCK_ROWS = 100_000
 

@@ -34,13 +34,12 @@ from quadid_logs.writers.log_series import (
     write_clock,
 )
 from quadid_logs.writers.mavlink_packets import Message, Messages, packet
-from quadid_logs.writers.records import fit
+from quadid_logs.writers.records import RPM, fit
 from quadid_logs.writers.ulog_topics import whole_parameter
 
 #: Host time of the log's zero: 2025-01-01 00:00 UTC [µs]. Fixed, so that the bytes are.
 HOST_EPOCH_US = 1_735_689_600_000_000
 HEARTBEAT_PERIOD_US = 1_000_000
-RPM = 30.0 / math.pi
 TEXT_BYTES = 50
 SYSTEM_ID, COMPONENT_ID = 1, 1
 #: MAV_AUTOPILOT_*.

@@ -32,7 +32,7 @@ from quadid_logs.writers.log_series import (
     packed_version,
     write_clock,
 )
-from quadid_logs.writers.records import Column, Field, Records, write_merged
+from quadid_logs.writers.records import RPM, Column, Field, Records, write_merged
 from quadid_logs.writers.ulog_topics import (
     ATTITUDE_SETPOINT,
     FIFO,
@@ -47,7 +47,6 @@ VERSION = 1
 #: The bytes of a sync message, by which a reader finds its way after damage.
 SYNC = bytes.fromhex("2f731320250cbb12")
 SYNC_PERIOD_US = 500_000
-RPM = 30.0 / math.pi
 #: The PX4 release whose topics are written: 1.18.0, as ver_sw_release stores it.
 DEFAULT_RELEASE = 0x011200FF
 #: From the gyro's sample to the publication of what follows from it: medians

@@ -81,7 +81,17 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str) -> Repl
     step = np.clip(rows.step_s, *_STEPS_S)
     error = rows.target - rows.rate
     proportional = pid["K"] * pid["P"] * error
-    derivative = -pid["K"] * pid["D"] * _acceleration(rows, parameters)
+    # What D acts on [rad/s^2]: as logged, else the filtered slope of the rate
+    if rows.derivative is not None:
+        acceleration = rows.derivative
+    else:
+        slope = np.diff(rows.rate, prepend=rows.rate[0]) / rows.step_s
+        used = derivative_filter(parameters, float(np.median(rows.step_s)))
+        if has_second_order_derivative(parameters):
+            acceleration = linear_filter(used.numerator, used.denominator, slope)
+        else:
+            acceleration = low_pass(slope, cutoff_hz(parameters), rows.step_s, first=0.0)
+    derivative = -pid["K"] * pid["D"] * acceleration
     forward = pid["FF"] * rows.target
     slower = np.clip(1.0 - (error / _INTEGRATOR_END) ** 2, 0.0, None)
     increments = np.roll(pid["K"] * pid["I"] * slower * error * step, 1)
@@ -115,17 +125,6 @@ def unfiltered(output: FloatArray, cutoff_hz: float, step_s: FloatArray) -> Floa
     alpha = step_s / (step_s + 1.0 / (2.0 * np.pi * cutoff_hz))
     before = np.concatenate([output[:1], output[:-1]])
     return np.asarray(before + (output - before) / alpha)
-
-
-def _acceleration(rows: AxisRows, parameters: Mapping[str, float]) -> FloatArray:
-    """Return what D acts on [rad/s^2]: as logged, else the filtered slope of the rate."""
-    if rows.derivative is not None:
-        return rows.derivative
-    slope = np.diff(rows.rate, prepend=rows.rate[0]) / rows.step_s
-    used = derivative_filter(parameters, float(np.median(rows.step_s)))
-    if has_second_order_derivative(parameters):
-        return linear_filter(used.numerator, used.denominator, slope)
-    return low_pass(slope, cutoff_hz(parameters), rows.step_s, first=0.0)
 
 
 def _inferred_limits(integral: FloatArray, increments: FloatArray, known: BoolArray) -> BoolArray:
