@@ -69,8 +69,12 @@ QUICK = tuple(LOGS[place] for place in (0, 2))
 
 
 class Printed(NamedTuple):
-    """Logs, commands with the log that they were printed for, and texts in which more of them stand."""
+    """Logs, commands with the log that they were printed for, and texts in which more of them stand.
 
+    ``folder`` is where they were printed.
+    """
+
+    folder: Path
     logs: tuple[Log, ...]
     commands: dict[str, Log | None]
     others: list[str]
@@ -154,12 +158,16 @@ def quick() -> Iterator[None]:
     results: dict[tuple[bytes, Settings, bool], Result] = {}
     analyze, card = pipeline.analyze, synthetic_prediction()
 
-    def once(log: Path, settings: Settings, *, vehicle: Vehicle | None = None, **_k: object) -> Result:
-        key = (Path(log).read_bytes(), settings, vehicle is not None)
+    def once(
+        log: Path | list[Path], settings: Settings, *, vehicle: Vehicle | None = None, **_k: object
+    ) -> Result:
+        # Several logs are flights to pool.
+        paths = log if isinstance(log, list) else [log]
+        key = (b"".join(Path(each).read_bytes() for each in paths), settings, vehicle is not None)
         if key not in results:
             results[key] = stiff(analyze(log, settings, vehicle=vehicle))
         result = results[key]
-        return replace(result, log=replace(result.log, path=str(log)), vehicle=vehicle)
+        return replace(result, log=replace(result.log, path=str(paths[0])), vehicle=vehicle)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("quadid_logs.pipeline.analyze", once)
@@ -176,7 +184,7 @@ def printed(request: pytest.FixtureRequest, quick: None, tmp_path_factory: pytes
     """Analyze, tune, look at and compare every log, go wrong, and take down every command that is told."""
     folder = tmp_path_factory.mktemp("printed")
     lay_out(folder)
-    told = Printed(request.param, {}, [])
+    told = Printed(folder, request.param, {}, [])
 
     def note(found: tuple[list[str], str], log: Log | None) -> None:
         told.commands.update(dict.fromkeys(found[0], log))
@@ -278,6 +286,10 @@ def test_every_printed_command_runs(
             continue
         if log is not None and "LOG" in shlex.split(line) and words[1] != "plan":
             words += log.options
+        if "--promise" in words:
+            # It stands where the gains were printed.
+            place = words.index("--promise") + 1
+            words[place] = str(printed.folder / words[place])
         if "--logs" in words:
             # The next log may be of a file with several, too.
             words[words.index("--logs") + 2] = words[words.index("--logs") + 1]
