@@ -106,7 +106,7 @@ def analyze(log: Path, vehicle: Path | None = None) -> Answer:
     content = json.loads(json.dumps(result_dict(result), default=str))
     model = result.identification.recommended
     recommended: Answer = next((one for one in content["models"] if one.get("recommended")), {})
-    # Margins and replay of each axis, without curves
+    # Margins and replay of each axis, without curves.
     closed_loop = content["closed_loop"]
     if closed_loop is None:
         loop = None

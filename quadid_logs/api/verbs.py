@@ -218,7 +218,7 @@ def check(
         ...
     quadid_logs.errors.SettingsError: The earlier flight has no promise to check. ...
     """
-    # A promise, that of a file, or what a flight promises of the next one
+    # A promise, that of a file, or what a flight promises of the next one.
     if isinstance(promised, Promise):
         held = promised
     elif isinstance(promised, str | Path) and (

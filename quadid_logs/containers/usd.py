@@ -312,10 +312,8 @@ class _Walk:
 
     def _same_ahead(self, at: int, size: int, number: int) -> bool:
         """Say whether the next events are of one kind."""
-        head, last = number.to_bytes(2, "little"), at + (_CHAIN - 1) * size
-        return self._content.startswith(head, at + size) and all(
-            self._content.startswith(head, each) for each in range(at + 2 * size, last + 1, size)
-        )
+        head = number.to_bytes(2, "little")
+        return all(self._content.startswith(head, at + k * size) for k in range(1, _CHAIN))
 
     def _is_chain(self, at: int) -> bool:
         """Say whether events with plausible times follow each other from here on, or to the end.

@@ -55,7 +55,7 @@ def find_in_torque(log: FlightLog, data: FlightData, identification: Identificat
         return
     if not model.n_rotors and data.input.unit == "1":
         yield finding("QL309", "info", {"why": model.remarks, "pass": model.needs}, advice=_pass(model.needs))
-    # Say that pulse widths do not follow from the commands
+    # Pulse widths that do not follow from the commands.
     check = model.check
     if check is not None and not check.fits and not data.input.achieved:
         yield finding(

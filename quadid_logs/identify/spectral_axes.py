@@ -139,18 +139,19 @@ def with_spectral_axes(
         half_lag, half_delay = (NORMAL_95 * float(np.sqrt(fit.covariance[k, k])) for k in (2, 3))
         # What is known of a lag is its logarithm: it may be longer by more than it may be shorter.
         times = float(np.exp(half_lag / lag_s)) if lag_s > 0.0 else 1.0
-        by_speed = rotors_known(data)
+        # The spectra put the lag on the speed of rotors where these are known, and it is one lag.
+        acts_on, side_s = ("rotor speed", lag_s) if rotors_known(data) else ("torque", float("nan"))
         model = replace(
             model,
             actuator=replace(
                 model.actuator,
-                acts_on="rotor speed" if by_speed else "torque",
+                acts_on=acts_on,
                 lag_s=lag_s,
                 lag_ci95_s=(max(0.0, lag_s - half_lag), lag_s * times),
                 delay_s=delay_s,
                 delay_ci95_s=(max(0.0, delay_s - half_delay), delay_s + half_delay),
-                lag_up_s=lag_s if by_speed else float("nan"),
-                lag_down_s=lag_s if by_speed else float("nan"),
+                lag_up_s=side_s,
+                lag_down_s=side_s,
             ),
         )
     return model

@@ -81,7 +81,7 @@ def terms(rows: AxisRows, parameters: Mapping[str, float], *, axis: str) -> Repl
     step = np.clip(rows.step_s, *_STEPS_S)
     error = rows.target - rows.rate
     proportional = pid["K"] * pid["P"] * error
-    # What D acts on [rad/s^2]: as logged, else the filtered slope of the rate
+    # What D acts on [rad/s^2]: as logged, else the filtered slope of the rate.
     if rows.derivative is not None:
         acceleration = rows.derivative
     else:
