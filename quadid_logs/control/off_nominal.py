@@ -269,7 +269,7 @@ class OffNominal(NamedTuple):
         gains = [float(one.effectiveness[0]) for one in each]
         lags = [float(one.lag[0]) for one in each]
         numbers = dict.fromkeys((int(np.argmax(gains)), int(np.argmin(gains)), int(np.argmax(lags))))
-        return tuple(_around(loops, each[number]) for number in numbers)
+        return tuple(loops.around(changed(loops.plants, each[number]) for number in numbers))
 
     def _each(self, loops: ScaledLoops) -> list[Factors]:
         # The same vehicles in all conditions.
@@ -295,11 +295,11 @@ class OffNominal(NamedTuple):
             That with the least spare is marked.
         """
         loops = loops.first(N_PLANTS)
-        told = []
-        for condition, by in zip(self.conditions, self._each(loops), strict=True):
-            around = _around(loops, by)
-            now = around.margins()
-            then = None if following is None else around.of(following).margins()
+        told, each = [], self._each(loops)
+        around = loops.around(changed(loops.plants, by) for by in each)
+        for condition, by, one in zip(self.conditions, each, around, strict=True):
+            now = one.margins()
+            then = None if following is None else one.of(following).margins()
             told.append(
                 ConditionMargins(
                     condition=condition,
@@ -312,10 +312,6 @@ class OffNominal(NamedTuple):
             )
         least = min((one.spare for one in told), default=np.inf)
         return tuple(replace(one, worst=one.spare == least) for one in told)
-
-
-def _around(loops: ScaledLoops, by: Factors) -> ScaledLoops:
-    return loops.around(changed(loops.plants, by))
 
 
 def _estimated(values: FloatArray) -> Estimated:

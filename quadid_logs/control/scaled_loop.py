@@ -123,18 +123,21 @@ class ScaledLoops(NamedTuple):
         plants, body = self.plants.at(numbers), self.body[numbers]
         return self._replace(plants=plants, body=body, rate=self.rate[numbers], angle=angle, fixed=fixed)
 
-    def around(self, plants: Plant) -> ScaledLoops:
-        """Return the loops of the same controller around other vehicles.
+    def around(self, several: Iterable[Plant]) -> Iterator[ScaledLoops]:
+        """Yield the loops of the same controller around other vehicles, one by one as they are wanted.
 
         Parameters
         ----------
-        plants : Plant
-            With the delays and the modes of these.
+        several : iterable of Plant
+            Each with the delays and the modes of these.
         """
-        ratio = plants.over(self.plants, self.frequency_hz)
-        angle, fixed = (None if part is None else part * ratio for part in (self.angle, self.fixed))
-        rate, body = self.rate * ratio, self.body * ratio
-        return self._replace(plants=plants, body=body, rate=rate, angle=angle, fixed=fixed)
+        own = self.plants.undelayed(self.frequency_hz)
+        for plants in several:
+            ratio = plants.undelayed(self.frequency_hz)
+            ratio /= own
+            angle, fixed = (None if part is None else part * ratio for part in (self.angle, self.fixed))
+            rate, body = self.rate * ratio, self.body * ratio
+            yield self._replace(plants=plants, body=body, rate=rate, angle=angle, fixed=fixed)
 
     def of(self, controller: AxisController) -> ScaledLoops:
         """Return the loops of another controller around the same vehicles."""

@@ -287,6 +287,8 @@ class SeparateGains:
         # Where drawn vehicles are to keep less, the estimate decides by itself.
         self._decisive[0][0] = held.drawn < 1.0
         self._latest: _Vehicles | None = None
+        #: Gains of a file that were borne, and the part of the limits that they keep.
+        self._borne: dict[tuple[tuple[str, float], ...], float] = {}
         #: What the search requires, over that: gains in a file are rounded.
         self._aim = 1.0
         self._highest = _BOUNDS[1]
@@ -344,6 +346,7 @@ class SeparateGains:
             return None
         other = self.anew()
         other._paths, other._rebuild, other._refiltered = paths, filtered, True
+        other._borne = {}
         other._noise = self._noise.behind(log_hz)
         return other
 
@@ -623,8 +626,16 @@ class SeparateGains:
 
     def _bear(self, factors: Mapping[str, float], part: float) -> bool:
         """Tell whether some vehicles keep a part of all limits, with the gains of a file."""
-        controller = self._rebuild(self._varied.values(factors))
-        return controller is not None and self._held.keep_with(controller, self._limits, Kept(part, part))
+        values = self._varied.values(factors)
+        gains = tuple(sorted(values.items()))
+        # Where a search ends is asked once more, for less of the limits.
+        if self._borne.get(gains, 0.0) >= part:
+            return True
+        controller = self._rebuild(values)
+        borne = controller is not None and self._held.keep_with(controller, self._limits, Kept(part, part))
+        if borne:
+            self._borne[gains] = part
+        return borne
 
     def keeps(self, target: Mapping[str, float]) -> bool:
         """Tell whether the limits are kept at a target: without that, no step towards it is worth a flight.

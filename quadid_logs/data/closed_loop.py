@@ -130,12 +130,11 @@ class Plant(NamedTuple):
             response *= self.modes.response(frequency_hz)
         return response
 
-    def over(self, others: Plant, frequency_hz: FloatArray) -> NDArray[np.complex128]:
-        """Return the ratio of the response to that of other plants with the same delays and modes.
+    def undelayed(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
+        """Return the response without delay, hold and modes.
 
         Parameters
         ----------
-        others : Plant
         frequency_hz : ndarray, shape (n_frequencies,)
             Frequencies [Hz].
 
@@ -144,9 +143,7 @@ class Plant(NamedTuple):
         ndarray of complex, shape (n_plants, n_frequencies)
         """
         w = 2.0 * np.pi * frequency_hz
-        ratio = self._by_rows(lambda some: some._without_delay(w), w.size)
-        ratio /= others._by_rows(lambda some: some._without_delay(w), w.size)
-        return ratio
+        return self._by_rows(lambda some: some._without_delay(w), w.size)
 
     def _by_rows(
         self, response: Callable[[Plant], NDArray[np.complex128]], n_frequencies: int
