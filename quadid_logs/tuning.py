@@ -332,7 +332,9 @@ def shaping_gains(result: Result, axis: str) -> dict[str, float]:
     return {name: parameters[name] for name in names if math.isfinite(parameters.get(name, math.nan))}
 
 
-def margins_with(result: Result, axis: str, changes: Mapping[str, float]) -> LoopMargins | None:
+def margins_with(
+    result: Result, axis: str, changes: Mapping[str, float], *, next_flight: bool = False
+) -> LoopMargins | None:
     """Return the margins that the vehicle of a flight has with other parameters.
 
     Parameters
@@ -341,6 +343,8 @@ def margins_with(result: Result, axis: str, changes: Mapping[str, float]) -> Loo
     axis : str
     changes : mapping of str to float
         By parameter.
+    next_flight : bool
+        In another flight: with what differs between flights of one vehicle, as the promise of `recommend`.
 
     Returns
     -------
@@ -352,7 +356,8 @@ def margins_with(result: Result, axis: str, changes: Mapping[str, float]) -> Loo
     controller = _rebuilt(result, parameters, axis, changes)
     if loop is None or loop.plants is None or controller is None:
         return None
-    return scaled_loops(controller, loop.plants, loop.known_hz).margins()
+    plants = of_next_flight(loop.plants) if next_flight else loop.plants
+    return scaled_loops(controller, plants, loop.known_hz).margins()
 
 
 def same_gain(one: float, other: float) -> bool:

@@ -255,6 +255,31 @@ def test_gains_are_not_called_right_where_motors_at_their_limits_hide_what_other
     assert (tuned.verdict, [one.code for one in tuned.reasons]) == ("refused", ["QL635"])
 
 
+def test_gains_of_a_vehicle_at_its_limits_fall_where_they_leave_too_little_margin() -> None:
+    """A freestyle quad with 29 degrees, at its limits in a tenth of the flight, was told to fly gentler."""
+    demanding = Limits(6.0, 55.0, 0.67)
+    free, limited = (
+        recommend(one, demanding, ["roll"], ranges=AS_FLOWN).axes["roll"]
+        for one in (flown("ardupilot"), saturated(flown("ardupilot")))
+    )
+    assert any(one.next > one.now for one in free.gains.values())
+    assert limited.verdict == "change"
+    assert all(one.next <= one.now for one in limited.gains.values())
+
+
+@pytest.mark.parametrize("limits", [Limits(10.0, 50.0, 0.7), Limits(12.0, 60.0, 0.8)])
+def test_no_gains_are_called_right_or_out_of_reach_where_motors_at_their_limits_hold_them(
+    limits: Limits,
+) -> None:
+    """Higher ones, which a flight free of limits would try, were called no better, or not to be had."""
+    free, limited = (
+        recommend(one, limits, ["roll"], ranges=AS_FLOWN).axes["roll"]
+        for one in (flown("ardupilot"), saturated(flown("ardupilot")))
+    )
+    assert free.verdict == "change"
+    assert [one.code for one in limited.reasons] == ["QL617"]
+
+
 def test_the_loop_of_a_refused_model_is_not_called_unstable() -> None:
     """None was closed: that a controller or a model is not what flew would be made up."""
     refused = judged("refused")(on_loop(margins=None)(flown("ardupilot")))

@@ -23,6 +23,8 @@ from quadid_logs.vocabulary import AXES
 
 #: With P and D scaled down in more of the rows, the gains of the parameters are not those that flew.
 _RARELY: Final = 0.05
+#: With more of the samples at the mixer's limits, higher gains would only reach them sooner.
+_NEAR_LIMITS: Final = 0.05
 _VERDICTS: Final[Mapping[Verdict, str]] = MappingProxyType(
     {
         "refused": "No model can be used",
@@ -75,6 +77,13 @@ class Case:
         return 0.0 if described is None else described.limited_fraction[AXES.index(self.axis)]
 
     @property
+    def at_limits(self) -> str:
+        """The code for a flight that was at the mixer's limits too much to raise gains; "" for no other."""
+        if self.limited_fraction > MOST_SATURATED:
+            return "QL617"
+        return "QL635" if self.limited_fraction > _NEAR_LIMITS else ""
+
+    @property
     def hides_a_notch(self) -> bool:
         """Whether a notch follows what neither the parameters nor the log hold."""
         remarks = () if self.controllers is None else self.controllers.remarks
@@ -120,8 +129,6 @@ def _before_the_loop(case: Case) -> Iterator[Finding]:
     if other:
         yield _refusal("QL622", case, {"parameters": other})
     yield from _replay(case)
-    if case.limited_fraction > MOST_SATURATED:
-        yield _refusal("QL617", case, {"fraction_at_limits": rounded(case.limited_fraction)})
     # A flexible mode in what the model leaves of any axis: the frame is one.
     mode = next((one for one in case.diagnosis.findings if one.code == "QL525"), None)
     if mode is not None:

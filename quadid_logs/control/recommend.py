@@ -89,8 +89,6 @@ _BETTER_TITLE: Final = (
     "Change these gains: the next ones reject gusts better, and margins stay above the limits"
 )
 _LACKING_TITLE: Final = "Change these gains: they leave too little margin"
-#: With more of the samples at the mixer's limits, higher gains would only reach them sooner.
-_NEAR_LIMITS: Final = 0.05
 #: Twice the cut-off halves a filter's delay: so it takes a third of the phase margin that is to be kept.
 _MUCH_PHASE_DEG: Final = 7.5
 
@@ -485,8 +483,8 @@ class _Search:
             self._case.names.factors(name, value)[1] for name, value in self._now.items() if value > 0.0
         ]
         allowed = {"QL637": min(highest, default=np.inf)}
-        if self._case.limited_fraction > _NEAR_LIMITS:
-            allowed["QL635"] = 1.0
+        if at_limits := self._case.at_limits:
+            allowed[at_limits] = 1.0
         if factor > 1.0:
             allowed |= self._by_noise(factor)
         code = min(allowed, key=lambda one: allowed[one])
@@ -635,16 +633,20 @@ class _Search:
         return Refiltered(tuning, together(new, old, self.too_noisy))
 
     def _separate(self) -> SeparateGains | None:
-        """Return a search for gains one by one; None where there is none, or the mixer holds all gains."""
+        """Return a search for gains one by one; None where there is none."""
         return None if self._unsearched is None else self._unsearched.anew()
 
     @cached_property
     def _unsearched(self) -> SeparateGains | None:
-        if self._case.limited_fraction > _NEAR_LIMITS:
-            return None
         disturbed = Disturbed(self._gusts, self._gust_band_hz, self._torque, self._crossover_hz(), MOST_NOISE)
         return separate_gains(
-            self._case, self._conditions, self._flown_kept, self._rebuild, self._limits, disturbed
+            self._case,
+            self._conditions,
+            self._flown_kept,
+            self._rebuild,
+            self._limits,
+            disturbed,
+            rising=not self._case.at_limits,
         )
 
     def _why_kept(self, target: Found) -> Finding:
@@ -664,6 +666,9 @@ class _Search:
     def _keep(self, target: Found) -> AxisTuning:
         """Return that the flown gains are right, or that no others keep the limits either."""
         low, high = _SAME
+        if (code := self._case.at_limits) and (self.is_kept() or not target.reached):
+            # What higher gains would do was not searched for: nothing says that these are right.
+            return self._refused([_found(code, self._case, self._evidence(code), "warning")])
         if not target.reached or (self._flown_spare < low and not low <= target.factor <= high):
             # No gains keep the limits, and this holds them.
             out = [_found("QL624", self._case, {"to_be_kept": self._limits._asdict()}, "warning")]
@@ -671,9 +676,6 @@ class _Search:
                 out.append(_found(target.held_by, self._case, self._evidence(target.held_by)))
             out += filter_note(self._case, self._rebuild, self._loops)
             return self._refused(out)
-        if target.held_by == "QL635" and self.is_kept():
-            # What other gains would do was not searched for: nothing says that these are right.
-            return self._refused([_found("QL635", self._case, self._evidence("QL635"), "warning")])
         gains = {name: GainChange(now, now, now) for name, now in self._now.items()}
         # What the next flight may differ in widens what is promised of it, with kept gains too.
         step = _Step(1.0, self._loops.controller, self._loops.margins())
@@ -762,7 +764,7 @@ class _Search:
 
     def _evidence(self, code: str) -> dict[str, object]:
         """Return the numbers behind a limit."""
-        if code == "QL635":
+        if code == self._case.at_limits:
             return {"fraction_at_limits": rounded(self._case.limited_fraction, 3)}
         noise = self._noise(1.0)
         if code == "QL632" and noise is not None:

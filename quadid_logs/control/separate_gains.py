@@ -209,6 +209,8 @@ def separate_gains(
     rebuild: Rebuild,
     limits: Limits,
     disturbed: Disturbed,
+    *,
+    rising: bool = True,
 ) -> SeparateGains | None:
     """Return the search for the gains of one axis, each by itself.
 
@@ -222,6 +224,8 @@ def separate_gains(
     rebuild : callable
     limits : Limits
     disturbed : Disturbed
+    rising : bool
+        Whether gains may be higher than flown.
 
     Returns
     -------
@@ -233,7 +237,7 @@ def separate_gains(
     if paths is None:
         return None
     began = None if case.found is None else case.found.began
-    return SeparateGains(varied, paths, held, flown_kept, rebuild, limits, disturbed, began)
+    return SeparateGains(varied, paths, held, flown_kept, rebuild, limits, disturbed, began, rising=rising)
 
 
 def _varied(case: Case) -> _Varied:
@@ -274,6 +278,8 @@ class SeparateGains:
         limits: Limits,
         disturbed: Disturbed,
         began: AxisController | None,
+        *,
+        rising: bool,
     ) -> None:
         loops = held.loops
         self._varied, self._names, self._now = varied, varied.names, varied.now
@@ -291,7 +297,7 @@ class SeparateGains:
         self._borne: dict[tuple[tuple[str, float], ...], float] = {}
         #: What the search requires, over that: gains in a file are rounded.
         self._aim = 1.0
-        self._highest = _BOUNDS[1]
+        self._highest = _BOUNDS[1] if rising else 1.0
         self._integral = 1.0
         self._noise = _Noise(disturbed, loops)
         self._gusts = _gusts(disturbed, loops.plants.at(slice(0, 1)), loops.frequency_hz)
@@ -299,7 +305,7 @@ class SeparateGains:
         crossover = loops.first(1).margins().rate.crossover_hz
         self._above = loops.frequency_hz >= (0.0 if crossover is None else crossover.value)
         self._flown = dict.fromkeys(self._now, 1.0)
-        if crossover is not None:
+        if crossover is not None and rising:
             self._integral = self._most_integral()
         flown_answers = paths.at(_sets(self._flown))
         self._flown_whole = flown_answers[0, 0] + flown_answers[0, 1]
