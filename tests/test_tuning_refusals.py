@@ -22,7 +22,7 @@ from quadid_logs.data.tuning import GOOD, AxisTuning, Limits
 from quadid_logs.diagnose.advice import advice_for
 from quadid_logs.tuning import recommend
 from tests.marks import thorough, thorough_but
-from tests.tuned_flights import flown, of_axes, with_log, with_parameters
+from tests.tuned_flights import flown, flown_with_frame, of_axes, with_log, with_parameters
 
 
 def on_log(**fields: Any) -> Callable[[Result], Result]:
@@ -278,6 +278,18 @@ def test_no_gains_are_called_right_or_out_of_reach_where_motors_at_their_limits_
     )
     assert free.verdict == "change"
     assert [one.code for one in limited.reasons] == ["QL617"]
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_a_mode_that_is_merely_not_ruled_out_lowers_gains_no_further(autopilot: str) -> None:
+    """Of a flown quad, D fell to a quarter and gusts moved it 2.3 times as far for one that nobody saw."""
+    high = Limits(24.0, 45.0, 0.67)
+    stiff, unknown = (
+        recommend(one, high, ["roll"], ranges=AS_FLOWN).axes["roll"]
+        for one in (flown(autopilot), flown_with_frame(autopilot))
+    )
+    assert stiff.verdict == "change"
+    assert unknown.gains == stiff.gains
 
 
 def test_the_loop_of_a_refused_model_is_not_called_unstable() -> None:

@@ -269,8 +269,13 @@ def _decided(
     # Uncertainty is no reason to reject gusts much worse than what flies, or than what the estimate takes.
     cost = search.cost_of(separate, target) if apart else 0.0
     if cost > _NEAR_BEST and (relaxed := search.relaxed(cost)) is not None:
-        nearer = relaxed.apart(Found(1.0, reached=False))
+        nearer, cost = relaxed.apart(Found(1.0, reached=False)), relaxed.reached_cost()
         separate, search = (separate, search) if nearer is None else (nearer, relaxed)
+    if cost > _NEAR_BEST and not strict.is_kept_as_told() and (plain := without_modes()) is not strict:
+        # Nor is a mode that the log merely does not rule out: gains fall as far as without any.
+        lower = _decided(plain, lambda: plain, apart=apart)
+        if strict.bears(lower[0]):
+            return lower
     if separate is not None:
         return separate, search
     if target.reached and target.factor > _SAME[1]:
@@ -321,6 +326,13 @@ class _Search:
     def parameters(self) -> Mapping[str, float]:
         """That flew."""
         return self._case.parameters
+
+    def bears(self, tuning: AxisTuning) -> bool:
+        """Tell whether gains leave all vehicles as much of the limits as those that flew."""
+        controller = self._rebuild({name: one.next for name, one in tuning.gains.items()})
+        if tuning.verdict != "change" or controller is None:
+            return False
+        return self._conditions.keep_with(controller, self._limits, self._flown_kept)
 
     def no_less_than_flown(self) -> _Search | None:
         """Return the search that asks for no more in other conditions than flew; None where that was all."""
