@@ -265,8 +265,9 @@ def lagged_speeds(target: FloatArray, period_s: float, rotors: Rotors) -> FloatA
     for wanted, now in zip(targets, found, strict=True):
         np.subtract(wanted, before, out=gap)
         np.multiply(gap, up, out=rise)
-        np.multiply(gap, down, out=fall)
-        choose(rise, fall, out=rise)
+        if up != down:
+            np.multiply(gap, down, out=fall)
+            choose(rise, fall, out=rise)
         np.add(before, rise, out=now)
         before = now
     return np.asarray(found[warm:].transpose(1, 0, 2).reshape(-1, n_rotors)[:n_samples])

@@ -26,8 +26,8 @@ OWN = own_structure("own", ["p", "q", "r", DRAG, "1"])
 
 @pytest.fixture(scope="module")
 def flown() -> Analysis:
-    """Return a short simulated flight, analyzed without a file."""
-    return quadid_logs.analyze(quadid_logs.simulate("sysid-quad-x", duration_s=25.0, rate_hz=100.0))
+    """Return a short simulated flight, analyzed without a file; other tests fly it, too."""
+    return quadid_logs.analyze(quadid_logs.simulate("sysid-quad-x", seed=2, duration_s=25.0, rate_hz=200.0))
 
 
 @pytest.fixture(scope="module")

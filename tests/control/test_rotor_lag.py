@@ -120,7 +120,7 @@ def test_the_model_that_commands_tell_in_gusts_lags_by_the_speed_of_its_rotors()
         tuning=Tuning(gain=2.0),
         effects=replace(calm.effects, disturbance_rad_s2=(2.0, 2.0, 1.0)),
     )
-    (setup, *_) = plan_flights(scenario, seed=1, duration_s=60.0, rate_hz=RATE_HZ, autopilot="ardupilot")
+    (setup, *_) = plan_flights(scenario, seed=1, duration_s=30.0, rate_hz=RATE_HZ, autopilot="ardupilot")
     record = fly(setup)
     data = cut(prepare(log_flights((record,), replace(scenario.logging, rate_hz=RATE_HZ))), Settings().align)
     found = identify(data, Settings().identify)

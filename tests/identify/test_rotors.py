@@ -56,7 +56,7 @@ def test_without_known_rotors_the_lag_acts_on_the_torque() -> None:
     assert np.isnan(model.actuator.lag_up_s)
 
 
-@pytest.mark.parametrize("rotors", [Rotors(0.03, 0.05), Rotors(0.05, 0.03)])
+@pytest.mark.parametrize("rotors", [Rotors(0.03, 0.05), Rotors(0.05, 0.03), Rotors(0.04, 0.04)])
 def test_intervals_side_by_side_give_the_recursion_of_one_after_the_other(rotors: Rotors) -> None:
     """To a thousandth of the step, the start forgotten; whichever direction is the quicker one."""
     rng = np.random.default_rng(1)
