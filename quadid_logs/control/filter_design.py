@@ -20,7 +20,7 @@ from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
-from quadid_logs.control.separate_gains import PENALTY, Quick, SeparateGains
+from quadid_logs.control.separate_gains import PENALTY, Quick
 from quadid_logs.data.tuning import Cutoffs, FilterChoices, FilterTrial, GainChange, written_hz
 
 #: In one flight a cut-off is halved or doubled at most: as far as gains go, and half or twice the filter's
@@ -83,6 +83,19 @@ def together(new: Quick, alone: Quick, too_noisy: float) -> Together:
     return Together(max(ratios) + _AUGMENTED * sum(ratios), sum(ratios), lost)
 
 
+class Behind(Protocol):
+    """One axis behind some filters; see `SeparateGains`."""
+
+    def quick(self, begin: Mapping[str, float]) -> Quick:
+        """Return the best gains, and what they make."""
+
+    def passes(self, frequency_hz: float) -> tuple[float, float]:
+        """Return what filters let pass at a frequency over that as flown, and the gain of the loop."""
+
+    def phase_lost_deg(self) -> float:
+        """Return the phase that filters lose at the crossover, less that of the flown ones [deg]."""
+
+
 class Filterable(Protocol):
     """The search for the gains of one axis, behind the flown filters or others."""
 
@@ -90,10 +103,10 @@ class Filterable(Protocol):
     def too_noisy(self) -> float:
         """Noise of the command as flown over what is accepted; NaN where the log does not tell it."""
 
-    def best(self) -> tuple[SeparateGains, Mapping[str, float]] | None:
+    def best(self) -> tuple[Behind, Mapping[str, float]] | None:
         """Return the search behind the flown filters, and the factors that it found."""
 
-    def filtered(self, filters: Mapping[str, float]) -> SeparateGains | None:
+    def filtered(self, filters: Mapping[str, float]) -> Behind | None:
         """Return the search behind other filters."""
 
 
@@ -202,7 +215,6 @@ class _Design:
         self._still_hz = still_hz
         self._alone: dict[str, Quick] = {}
         self._known: dict[_Key, Quick | None] = {}
-        self._confirmed: set[_Key] = set()
         self._trials: dict[str, list[FilterTrial]] = {axis: [] for axis in axes}
 
     def found(self, *, shared: bool) -> Iterator[Changes]:
@@ -211,11 +223,13 @@ class _Design:
             best = search.best()
             if best is None:
                 return
-            alone, factors = best
-            # Where no gains keep the limits, what flies.
-            kept = factors if alone.keeps(factors) else dict.fromkeys(factors, 1.0)
-            self._known[axis, frozenset()] = self._alone[axis] = alone.told_of(kept)
-            self._confirmed.add((axis, frozenset()))
+            # Gains alone end as far away as gains behind other filters, and by the same estimate.
+            alone, (_, factors) = search.filtered({}), best
+            if alone is None:
+                return
+            each = [alone.quick(one) for one in (factors, dict.fromkeys(factors, 1.0))]
+            quick = min(each, key=lambda one: (one.missing, one.cost))
+            self._known[axis, frozenset()] = self._alone[axis] = quick
         begin = _State(found=self._alone)
         low_passes = [
             _LowPass(axis, cutoffs, (axis,))
@@ -227,7 +241,7 @@ class _Design:
             every = tuple(self._axes)
             low_passes = [_LowPass("", cutoffs, every) for cutoffs in self._choices.shared] + low_passes
             notched = (replace(begin, shared=dict(notches)) for notches in self._choices.notches)
-            states += [self._sure(one) for state in notched if (one := self._with(state, every)) is not None]
+            states += [one for state in notched if (one := self._with(state, every)) is not None]
         first, last = _STEPS
         coarse = [self._settled(state, low_passes, first) for state in states]
         for state in sorted(coarse, key=self._total):
@@ -244,12 +258,9 @@ class _Design:
                     moved = self._moved(state, one, scale)
                     if moved is not None and not one.axis:
                         moved = self._countered(moved, one, low_passes, scale)
-                    # Only what looks better is looked at twice.
                     if moved is not None and self._is_better(moved, state):
-                        moved = self._sure(moved)
-                        if self._is_better(moved, state):
-                            state = moved
-                            break
+                        state = moved
+                        break
             if state is before:
                 break
         return state
@@ -300,18 +311,6 @@ class _Design:
             if (quick := self._known[key]) is None:
                 return None
             found[axis] = quick
-        return replace(state, found=found)
-
-    def _sure(self, state: _State) -> _State:
-        """Return the state with gains that the vehicles bear which decide behind its filters."""
-        found = dict(state.found)
-        for axis, rough in state.found.items():
-            key, filters = self._key(state, axis)
-            search = None if key in self._confirmed else self._axes[axis].filtered(filters)
-            if search is not None:
-                self._known[key] = search.confirmed(rough)
-            self._confirmed.add(key)
-            found[axis] = self._known[key] or rough
         return replace(state, found=found)
 
     def _key(self, state: _State, axis: str) -> tuple[_Key, dict[str, float]]:

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from quadid_logs.control.torque_noise import Spectrum
 from quadid_logs.data.catalogue import CATALOGUE, CAVEATS, MOST_SATURATED
 from quadid_logs.data.closed_loop import AxisLoop, Plant
 from quadid_logs.data.controller import AxisController, FlownControllers, RemarkKind, ReplayReason
@@ -56,6 +57,9 @@ class Case:
         Logs behind the one model, 0 for one.
     differ : tuple of str
         Names of earlier logs whose model of the axis this flight contradicts.
+    rows : Spectrum or None
+        Of the command, in rows of the log that are faster than the data; None where nobody looked, or there
+        are none.
     """
 
     axis: str
@@ -69,6 +73,14 @@ class Case:
     parameters: Mapping[str, float]
     n_pooled: int = 0
     differ: tuple[str, ...] = ()
+    rows: Spectrum | None = None
+
+    @property
+    def log_hz(self) -> float:
+        """Rate of the rows that show the command's noise."""
+        return (
+            1.0 / self.data.sample_period_s if self.rows is None else 2.0 * float(self.rows.frequency_hz[-1])
+        )
 
     @property
     def limited_fraction(self) -> float:

@@ -16,7 +16,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from quadid_logs.arrays import FloatArray
-from quadid_logs.control.filter_design import Changes, design_filters, together
+from quadid_logs.control.axis_without_model import AxisWithoutModel, axis_without_model
+from quadid_logs.control.filter_design import Changes, Filterable, design_filters, together
 from quadid_logs.control.filter_findings import filter_findings
 from quadid_logs.control.filter_guard import Refiltered, are_worth_it, is_no_worse, with_flown_filters
 from quadid_logs.control.guard import Case, obstacles
@@ -37,6 +38,7 @@ from quadid_logs.control.step import Steps
 from quadid_logs.control.torque_noise import (
     Noise,
     attitude_error,
+    logged_spectrum,
     residual_spectrum,
     torque_noise,
     torque_spectrum,
@@ -141,6 +143,8 @@ def tune_axes(
     filters : FilterWishes, optional
         Filters may be changed with the gains.
     """
+    if filters is not None:
+        axes = {axis: _with_rows(one) for axis, one in axes.items()}
     searches = {axis: _searched(one, limits, apart=apart) for axis, one in axes.items()}
     tuned: dict[str, AxisTuning] = {}
     known: dict[str, _Search] = {}
@@ -154,8 +158,12 @@ def tune_axes(
         changed: dict[str, AxisTuning] = {}
         if known:
             parameters = next(iter(known.values())).parameters
+            both: dict[str, Filterable] = {**known, **_without_model(axes, known)}
+            choices = replace(
+                filters.choices, own={axis: one for axis, one in filters.choices.own.items() if axis in known}
+            )
             settings = design_filters(
-                known, filters.choices, parameters, filters.still_hz, shared=set(known) == set(AXES)
+                both, choices, parameters, filters.still_hz, shared=set(both) == set(AXES)
             )
             borne = (steps for one in settings if (steps := _filter_steps(known, tuned, one)))
             changed = next(borne, {})
@@ -171,6 +179,22 @@ def tune_axes(
         advised = remedied(reasons, case.log.autopilot, case.log.version)
         tuned[axis] = replace(found, reasons=tuple(advised))
     return tuned
+
+
+def _with_rows(axis: Axis) -> Axis:
+    """Return an axis with the command of faster rows: filters may let pass what the data folded down."""
+    case = axis.case
+    rows = logged_spectrum(case.log, case.data, AXES.index(case.axis))
+    return axis._replace(case=replace(case, rows=rows))
+
+
+def _without_model(axes: Mapping[str, Axis], known: Mapping[str, _Search]) -> Mapping[str, AxisWithoutModel]:
+    """Return yaw where roll and pitch alone are known: its loop crosses over below theirs."""
+    if set(known) != {"roll", "pitch"} or (yaw := axes.get("yaw")) is None:
+        return {}
+    crossover_hz = max(one.crossover_hz for one in known.values())
+    found = axis_without_model(yaw.case, yaw.rebuild, crossover_hz) if np.isfinite(crossover_hz) else None
+    return {} if found is None else {"yaw": found}
 
 
 def _with_off_nominal(axis: Axis, found: AxisTuning, limits: Limits) -> AxisTuning:
@@ -316,7 +340,8 @@ class _Search:
         self._flown_spare = self._flown_kept.as_flown
         self._told_spare = spare(loops.first(1)._replace(known_hz=np.inf).margins(), limits)
         self._now = {name: case.parameters[name] for name in case.names.scaled}
-        self._torque = torque_spectrum(case.data, number, loops.controller, loops.plants.at(slice(0, 1)))
+        estimate = loops.plants.at(slice(0, 1))
+        self._torque = torque_spectrum(case.data, number, loops.controller, estimate, case.rows)
         self._gusts = residual_spectrum(model.fit, number)
         low_hz = 0.3 if model.band is None else float(model.band.low_hz[0])
         self._gust_band_hz = (low_hz, model.smoothing_hz)
@@ -427,7 +452,7 @@ class _Search:
         best = self.best()
         if best is None:
             return None
-        return best[0].behind(filters, 1.0 / self._case.data.sample_period_s)
+        return best[0].behind(filters, self._case.log_hz)
 
     def is_kept(self) -> bool:
         """Tell whether the worst of the vehicles that the next flight allows keeps the limits as flown."""
@@ -455,7 +480,7 @@ class _Search:
         plants = self._loops.plants
         relative = NORMAL_95 * float(np.std(plants.effectiveness[1:]) / plants.effectiveness[0])
         told: dict[str, object] = {"effectiveness_percent": rounded(100.0 * relative, 3)}
-        crossover_hz = self._crossover_hz()
+        crossover_hz = self.crossover_hz
         if np.isfinite(crossover_hz):
             loop = rate_loop(self._loops.controller, plants, np.array([crossover_hz]))[:, 0]
             half_deg = NORMAL_95 * float(np.degrees(np.std(np.angle(loop[1:] / loop[0]))))
@@ -521,13 +546,14 @@ class _Search:
         return None if controller is None else self._noise_of(controller)
 
     def _noise_of(self, controller: AxisController) -> Noise | None:
-        crossover_hz = self._crossover_hz()
+        crossover_hz = self.crossover_hz
         if self._torque is None or not np.isfinite(crossover_hz):
             return None
         both = (self._loops.controller, controller)
         return torque_noise(self._torque, both, self._estimate(), crossover_hz)
 
-    def _crossover_hz(self) -> float:
+    @property
+    def crossover_hz(self) -> float:
         """Return where the flown rate loop crosses over, NaN for nowhere."""
         crossover = self._margins_now().rate.crossover_hz
         return float("nan") if crossover is None else crossover.value
@@ -631,11 +657,12 @@ class _Search:
         search = self.filtered({name: one.next for name, one in filters.items()})
         if not filters or search is None:
             return None
-        target = search.target_near(chosen.factors[axis])
+        # What filters bring in the end is told by the estimate; every vehicle is to bear the next flight.
+        new, old = search.quick(chosen.factors[axis]), chosen.alone[axis]
+        target = search.target(1.0)
         step = search.step(target, MOST_UP) if search.keeps(target) else None
-        if step is None:
+        if step is None or new.missing > old.missing:
             return None
-        new, old = search.told_of(target), chosen.alone[axis]
         chosen = chosen.told(axis, new, old, self.too_noisy, search.phase_lost_deg())
         reasons = filter_findings(axis, filters, chosen)
         if any(one.next != one.target for one in step.gains.values()):
@@ -650,7 +677,7 @@ class _Search:
 
     @cached_property
     def _unsearched(self) -> SeparateGains | None:
-        disturbed = Disturbed(self._gusts, self._gust_band_hz, self._torque, self._crossover_hz(), MOST_NOISE)
+        disturbed = Disturbed(self._gusts, self._gust_band_hz, self._torque, self.crossover_hz, MOST_NOISE)
         return separate_gains(
             self._case,
             self._conditions,

@@ -29,6 +29,8 @@ _Bounds = Mapping[str, tuple[float, float]]
 
 #: Gains are searched within these factors of the flown ones.
 _BOUNDS: Final = (0.25, 4.0)
+#: Filters stay for several flights: behind them gains are searched as far as two flights go.
+_IN_THE_END: Final = _BOUNDS[1] ** 2
 #: What a disturbance of the attitude may be raised by at most [dB] (ADS-33E practice, `attitude_of`).
 _MOST_PEAK_DB: Final = 5.0
 #: Answers to set-points overshoot no more than those of this damping ratio (ADS-33E-PRF 3.3.2, mid-term
@@ -297,7 +299,7 @@ class SeparateGains:
         self._borne: dict[tuple[tuple[str, float], ...], float] = {}
         #: What the search requires, over that: gains in a file are rounded.
         self._aim = 1.0
-        self._highest = _BOUNDS[1] if rising else 1.0
+        self._rising, self._highest = rising, _BOUNDS[1] if rising else 1.0
         self._integral = 1.0
         self._noise = _Noise(disturbed, loops)
         self._gusts = _gusts(disturbed, loops.plants.at(slice(0, 1)), loops.frequency_hz)
@@ -354,6 +356,12 @@ class SeparateGains:
         other._paths, other._rebuild, other._refiltered = paths, filtered, True
         other._borne = {}
         other._noise = self._noise.behind(log_hz)
+        # Filters are for where flights end, however far that is, and the estimate is what later ones know.
+        if self._rising:
+            other._highest = max(self._highest, _IN_THE_END)
+        for one in other._decisive:
+            one[:] = False
+        other._decisive[0][0] = True
         return other
 
     def target(self, common: float) -> dict[str, float]:
@@ -672,23 +680,7 @@ class SeparateGains:
         return float(self._gusts.attitude_rad(whole)[0] / self._flown_error_rad)
 
     def quick(self, begin: Mapping[str, float]) -> Quick:
-        """Search roughly from some factors, around the vehicles that decide behind the flown filters.
-
-        To rank filters by; `confirmed` looks at those behind these.
-        """
-        self._decisive[0][0], self._latest = True, None
-        return self._rough(begin)
-
-    def confirmed(self, found: Quick) -> Quick:
-        """Search on from what `quick` found, around the vehicles that decide there too."""
-        self._decisive[0][0], self._latest = True, None
-        if not self._add_decisive(found.factors):
-            return found
-        # What they do not bear is left to the whole search.
-        other = self._rough(found.factors)
-        return other if other.missing == 0.0 else found
-
-    def _rough(self, begin: Mapping[str, float]) -> Quick:
+        """Search roughly from some factors, around the vehicles that decide: to rank filters by."""
         bounds = {name: (_BOUNDS[0], self._most(name)) for name in self._now}
         near = {name: float(np.clip(one, *bounds[name])) for name, one in begin.items()}
         return self.told_of(self._search([near], bounds, np.inf, rough=True))
@@ -896,7 +888,7 @@ class _Noise:
     def behind(self, log_hz: float) -> _Noise:
         """Return the noise for other filters: what rows of this rate may hide counts as its worst."""
         other = copy(self)
-        other._aliases = _aliases(self._frequency_hz, log_hz)
+        other._aliases = aliases(self._frequency_hz, log_hz)
         return other
 
     def ratio(self, loop: _Loop) -> FloatArray:
@@ -919,7 +911,7 @@ class _Noise:
         return np.asarray(self.ratio(loop) / (1.0 if self._power is None else self._most_ratio) - 1.0)
 
 
-def _aliases(frequency_hz: FloatArray, log_hz: float) -> list[IntArray]:
+def aliases(frequency_hz: FloatArray, log_hz: float) -> list[IntArray]:
     """Return for each frequency the places of those that rows of a log show at it, beyond half their rate.
 
     Rows are some of the loop's steps: what is at f in them may be at any multiple of their rate, less or

@@ -12,6 +12,7 @@ from quadid_logs.control.loop import close
 from quadid_logs.data.closed_loop import Plant
 from quadid_logs.data.controller import AxisController
 from quadid_logs.data.flight import FlightData
+from quadid_logs.data.log import FlightLog
 from quadid_logs.data.model import FitSeries
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.maths.spectra import WINDOW_S, Spectra, averaged_spectra
@@ -31,6 +32,12 @@ _N_GUSTS: Final = 120
 _INJECTED: Final = 3
 #: What a command makes of the torque is known to 3 dB.
 _MOST_MADE: Final = 2.0
+#: Rows that are faster than the data by this show noise that these do not.
+_FASTER: Final = 1.2
+#: Rows whose distance differs by this part are not one record.
+_UNEVEN: Final = 0.5
+#: Up to this part of the highest frequency of the data, most of what they hold is not folded.
+_UNFOLDED: Final = 0.25
 
 
 class Spectrum(NamedTuple):
@@ -45,7 +52,11 @@ class Spectrum(NamedTuple):
 
 
 def torque_spectrum(
-    data: FlightData, number: int, controller: AxisController, plant: Plant
+    data: FlightData,
+    number: int,
+    controller: AxisController,
+    plant: Plant | None,
+    rows: Spectrum | None = None,
 ) -> Spectrum | None:
     """Return the density of one axis' command, without what pilot or system identification made of it.
 
@@ -57,8 +68,10 @@ def torque_spectrum(
         Of the axis.
     controller : AxisController
         That flew.
-    plant : Plant
-        The estimate alone.
+    plant : Plant or None
+        The estimate alone. Without one nothing is left out.
+    rows : Spectrum, optional
+        Of the command in faster rows (`logged_spectrum`): the density is that of these.
 
     Returns
     -------
@@ -72,8 +85,8 @@ def torque_spectrum(
     """
     records = list(_commanded(data, number))
     known = _spectrum([record[:, -1] for record in records], data.sample_period_s)
-    if known is None:
-        return _spectrum([segment.torque[:, number] for segment in data.segments], data.sample_period_s)
+    if known is None or plant is None:
+        return rows or _of_data(data, number)
     loop = close(controller, plant, known.frequency_hz)
     left = known.density
     for place, answer in enumerate((loop.target_to_torque[0], 1.0 / (1.0 + loop.rate[0]))):
@@ -81,7 +94,58 @@ def torque_spectrum(
         found = _averaged(pairs, data.sample_period_s)
         most = _MOST_MADE * np.abs(answer) ** 2 * found.input_psd[1:]
         left = left - np.minimum((found.coherence * found.output_psd)[1:], most)
-    return known._replace(density=np.maximum(left, 0.0))
+    left = np.maximum(left, 0.0)
+    if rows is None:
+        return known._replace(density=left)
+    part = np.divide(left, known.density, out=np.ones_like(left), where=known.density > 0.0)
+    part = np.interp(rows.frequency_hz, known.frequency_hz, part, right=1.0)
+    return rows._replace(density=rows.density * part)
+
+
+def logged_spectrum(log: FlightLog, data: FlightData, number: int) -> Spectrum | None:
+    """Return the density of one axis' command in rows of the log that are faster than the data.
+
+    Data fold faster noise down, where nobody can tell it from slower noise.
+
+    Parameters
+    ----------
+    log : FlightLog
+    data : FlightData
+        In whose unit the density is.
+    number : int
+        Of the axis.
+
+    Returns
+    -------
+    Spectrum or None
+        None where no rows are faster, or they are not even for long enough.
+    """
+    signal = next(iter(log.signals.get("torque_command", ())), None)
+    if signal is None or len(signal.values) < 2:
+        return None
+    time_s = np.asarray(signal.rows.time_s, dtype=np.float64)
+    steps = np.diff(time_s)
+    period_s = float(np.median(steps))
+    if not 0.0 < period_s < data.sample_period_s / _FASTER:
+        return None
+    values = np.asarray(signal.values, dtype=np.float64)[:, number]
+    columns = []
+    for segment in data.segments:
+        inside = (time_s >= segment.time_s[0]) & (time_s <= segment.time_s[-1]) & np.isfinite(values)
+        even = inside & np.append(np.abs(steps / period_s - 1.0) < _UNEVEN, False)
+        columns += [values[first:after] for first, after in runs(even)]
+    found, slow = _spectrum(columns, period_s), _of_data(data, number)
+    if found is None or slow is None:
+        return None
+    # Slow commands are in both, and what is larger in the data by its unit.
+    known = found.frequency_hz <= _UNFOLDED * slow.frequency_hz[-1]
+    power = float(np.sum(found.density[known]))
+    scale = float(np.sum(slow.density[: np.count_nonzero(known)])) / power if power > 0.0 else 0.0
+    return found._replace(density=scale * found.density)
+
+
+def _of_data(data: FlightData, number: int) -> Spectrum | None:
+    return _spectrum([segment.torque[:, number] for segment in data.segments], data.sample_period_s)
 
 
 def _commanded(data: FlightData, number: int) -> Iterator[FloatArray]:

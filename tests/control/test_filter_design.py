@@ -14,10 +14,11 @@ import pytest
 from quadid_logs import analyze
 from quadid_logs.autopilots import named
 from quadid_logs.control import recommend as recommend_module
+from quadid_logs.control.axis_without_model import AxisWithoutModel
 from quadid_logs.control.filter_design import Changes, Together, design_filters, together
 from quadid_logs.control.filter_guard import Refiltered, are_worth_it, is_no_worse
 from quadid_logs.control.loop import gyro_filters
-from quadid_logs.control.separate_gains import Quick, _aliases
+from quadid_logs.control.separate_gains import Quick, aliases
 from quadid_logs.data.health import Line, LineSource
 from quadid_logs.data.log import FlightLog
 from quadid_logs.data.result import Result
@@ -34,6 +35,7 @@ from quadid_logs.tuning import recommend
 from quadid_logs.vocabulary import AXES
 from quadid_logs.writers import write_log
 from study import filters as study
+from study.filter_bound import Filters, TrueAxis
 from tests import tuned_flights
 
 #: Of the study's vehicles, one whose notch stands at a wrong place; its frame rings at 60.74 Hz.
@@ -148,15 +150,6 @@ class _Behind:
 
     def quick(self, _factors: Mapping[str, float]) -> Quick:
         return self.quick_now
-
-    def confirmed(self, _found: Quick) -> Quick:
-        return self.quick_now
-
-    def told_of(self, _factors: Mapping[str, float]) -> Quick:
-        return self.quick_now
-
-    def keeps(self, _factors: Mapping[str, float]) -> bool:
-        return True
 
     def phase_lost_deg(self) -> float:
         return 1.0
@@ -309,6 +302,33 @@ def test_the_true_loop_behind_other_filters_has_the_margins_that_are_promised(tu
         assert told.ci95[0] <= true.value <= told.ci95[1], axis
 
 
+@pytest.mark.thorough
+def test_what_filters_bring_in_the_end_is_what_the_best_gains_of_the_true_vehicle_bring(
+    tuned: Tuning,
+) -> None:
+    """The first flight leaves vehicles possible that later ones rule out: no filter is chosen for these."""
+    scenario, setting, _ = study.draw_vehicle(1, WRONG_NOTCH)
+    setup = study._setup(scenario, setting, 0)
+    then = study.loaded(setting, {name: one.next for name, one in tuned.changes.items()})
+    for number, (axis, one) in enumerate(tuned.axes.items()):
+        true = TrueAxis(setup, number, study.rotors_hz(setup))
+        best = [
+            true.best(
+                Filters(each.gyro_hz, each.notch),
+                [
+                    np.log([*factors, each.derivative_hz[number]])
+                    for factors in ((1.0,) * 4, (1.5, 2.0, 3.0, 1.5))
+                ],
+                None,
+                of_d=False,
+            )
+            for each in (setting, then)
+        ]
+        old, new = (found for found in best if found is not None)
+        (told,) = (reason.evidence for reason in one.reasons if reason.code == "QL670")
+        assert told["attitude_error_ratio"] == pytest.approx(new.gusts_rad / old.gusts_rad, rel=0.15), axis
+
+
 @pytest.mark.parametrize(("axes", "shared"), [(AXES, True), (("roll",), False)])
 def test_filters_of_all_axes_are_looked_at_where_every_axis_is_asked_for(
     monkeypatch: pytest.MonkeyPatch, axes: tuple[str, ...], shared: bool
@@ -323,6 +343,28 @@ def test_filters_of_all_axes_are_looked_at_where_every_axis_is_asked_for(
     monkeypatch.setattr(recommend_module, "design_filters", noted)
     recommend(tuned_flights.flown("ardupilot"), axes=axes, filters=True)
     assert asked == [shared]
+
+
+@pytest.mark.parametrize(("refused", "beside", "shared"), [("yaw", ["yaw"], True), ("roll", [], False)])
+def test_filters_of_all_axes_are_looked_at_beside_a_yaw_axis_that_tells_too_little(
+    monkeypatch: pytest.MonkeyPatch, refused: str, beside: list[str], shared: bool
+) -> None:
+    """Yaw's loop crosses over below those of roll and pitch; where theirs do, nobody knows without them."""
+    asked = []
+    searched = recommend_module._searched
+
+    def refusing(axis: recommend_module.Axis, *given: Any, **named: Any) -> Any:
+        return None if axis.case.axis == refused else searched(axis, *given, **named)
+
+    def noted(axes: Mapping[str, object], *_: object, shared: bool) -> tuple[()]:
+        asked.append(([axis for axis, one in axes.items() if isinstance(one, AxisWithoutModel)], shared))
+        return ()
+
+    monkeypatch.setattr(recommend_module, "_searched", refusing)
+    monkeypatch.setattr(recommend_module, "_decided", lambda search, *_, **__: (_next(1.0), search))
+    monkeypatch.setattr(recommend_module, "design_filters", noted)
+    recommend(tuned_flights.flown("ardupilot"), filters=True)
+    assert asked == [(beside, shared)]
 
 
 @pytest.mark.thorough
@@ -489,14 +531,14 @@ def test_both_ends_of_a_range_move_together() -> None:
 
 def test_noise_above_half_of_the_logs_rate_may_be_any_of_what_folds_there() -> None:
     frequency_hz = np.linspace(1.0, 200.0, 200)
-    found = {float(frequency_hz[places[29]]) for places in _aliases(frequency_hz, 100.0)}
+    found = {float(frequency_hz[places[29]]) for places in aliases(frequency_hz, 100.0)}
     # 30 Hz in rows at 100 Hz may be 70, 130 or 170 Hz.
     assert found - {30.0} == {70.0, 130.0, 170.0}
 
 
 def test_rows_at_the_loops_rate_hide_nothing() -> None:
     frequency_hz = np.linspace(1.0, 199.6, 100)
-    for places in _aliases(frequency_hz, 400.0):
+    for places in aliases(frequency_hz, 400.0):
         np.testing.assert_array_equal(places, np.arange(100))
 
 

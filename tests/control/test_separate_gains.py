@@ -84,7 +84,8 @@ def test_behind_other_filters_gains_are_asked_anew(monkeypatch: pytest.MonkeyPat
     search._rebuild = lambda _: cast("Any", controller)
     search.__dict__ |= {
         "_loops": SimpleNamespace(frequency_hz=None, controller=controller),
-        "_decisive": [],
+        "_decisive": [np.zeros(1, dtype=np.bool_)],
+        "_rising": False,
         "_noise": SimpleNamespace(behind=lambda _: None),
     }
     monkeypatch.setattr(separate_gains, "_taken_apart", lambda *given: given)
