@@ -265,6 +265,7 @@ def test_gains_of_a_vehicle_at_its_limits_fall_where_they_leave_too_little_margi
     assert any(one.next > one.now for one in free.gains.values())
     assert limited.verdict == "change"
     assert all(one.next <= one.now for one in limited.gains.values())
+    assert "QL617" in {one.code for one in limited.reasons}
 
 
 @pytest.mark.parametrize("limits", [Limits(10.0, 50.0, 0.7), Limits(12.0, 60.0, 0.8)])

@@ -643,6 +643,8 @@ class _Search:
         reasons = [replace(_found("QL641", self._case, {"target_factors": factors}), title=title)]
         if any(one.next != one.target for one in step.gains.values()):
             reasons.append(_found("QL633", self._case, {}))
+        if code := self._case.at_limits:
+            reasons.append(_found(code, self._case, self._evidence(code)))
         if spare(step.promised, self._limits) < 1.0:
             reasons.extend(filter_note(self._case, self._rebuild, self._loops))
         return self._described("change", tuple(reasons), step)
