@@ -31,7 +31,10 @@ LONG = {"quadid_logs.api.analysis", "quadid_logs.notebook", "quadid_logs.report.
 @pytest.fixture(scope="module")
 def analyze_once() -> Callable[..., Result]:
     """Return `analyze`, which remembers: most examples are about the same sample log."""
-    return functools.cache(pipeline.analyze)
+    remembered = functools.cache(pipeline.analyze)
+    return lambda logs, *rest, **named: remembered(
+        tuple(logs) if isinstance(logs, list) else logs, *rest, **named
+    )
 
 
 @pytest.mark.parametrize("module", thorough_but(set(MODULES) - LONG, MODULES))

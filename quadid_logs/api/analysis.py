@@ -53,8 +53,8 @@ class Analysis(Result):
     >>> import quadid_logs
     >>> quadid_logs.analyze("sample_logs/sysid-quad-x.bin")
     <Analysis of 'sysid-quad-x.bin': structure rigid-body
-      roll   usable   B11 = 197.9 (195.3 to 200.5) rad/s^2
-      pitch  usable   B22 = 176.6 (173.4 to 179.8) rad/s^2
+      roll   usable   B11 = 197.9 (195.4 to 200.4) rad/s^2
+      pitch  usable   B22 = 176.6 (173.5 to 179.7) rad/s^2
       yaw    usable   B33 = 10.88 (10.74 to 11.02) rad/s^2>
     """
 
@@ -191,7 +191,7 @@ def analyze(
     {'roll': 'usable', 'pitch': 'usable', 'yaw': 'usable'}
     >>> gain = r.model["roll", "L"]
     >>> print(f"{gain.value:.0f} {gain.unit}, 95 %: {gain.ci95[0]:.0f} to {gain.ci95[1]:.0f}")
-    198 rad/s^2, 95 %: 195 to 201
+    198 rad/s^2, 95 %: 195 to 200
     """
     if isinstance(log, Result):
         if settings is not None or vehicle is not None or structure:

@@ -35,7 +35,7 @@ _MOST_MADE: Final = 2.0
 #: Rows that are faster than the data by this show noise that these do not.
 _FASTER: Final = 1.2
 #: Rows whose distance differs by this part are not one record.
-_UNEVEN: Final = 0.5
+_IRREGULAR: Final = 0.5
 #: Up to this part of the highest frequency of the data, most of what they hold is not folded.
 _UNFOLDED: Final = 0.25
 
@@ -132,7 +132,7 @@ def logged_spectrum(log: FlightLog, data: FlightData, number: int) -> Spectrum |
     columns = []
     for segment in data.segments:
         inside = (time_s >= segment.time_s[0]) & (time_s <= segment.time_s[-1]) & np.isfinite(values)
-        even = inside & np.append(np.abs(steps / period_s - 1.0) < _UNEVEN, False)
+        even = inside & np.append(np.abs(steps / period_s - 1.0) < _IRREGULAR, False)
         columns += [values[first:after] for first, after in runs(even)]
     found, slow = _spectrum(columns, period_s), _of_data(data, number)
     if found is None or slow is None:
