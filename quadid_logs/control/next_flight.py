@@ -15,7 +15,7 @@ from quadid_logs.maths.normal import NORMAL_95
 #: no constant), lag and delay by 1 ms.
 DAMPING_SPREAD: Final = 0.15
 TIME_SPREAD_S: Final = 0.001
-#: Of the effectiveness: battery, throttle and air. Flown: crossovers of 28 flights of three vehicles with the
+#: Of the effectiveness: battery, throttle and air. Flown: crossovers of 17 flights of three vehicles with the
 #: same gains spread by 2.7 % (one standard deviation) beyond their intervals (`study/flown_loops.py`).
 EFFECTIVENESS_SPREAD: Final = 0.053
 #: Every recommendation from a log looks at the same vehicles.
