@@ -30,7 +30,7 @@ from benchmarks.logs import corpus_folder  # noqa: E402
 from quadid_logs.data.closed_loop import Estimated, LoopMargins  # noqa: E402
 from quadid_logs.data.promise import AxisPromise, Gain, Outcome  # noqa: E402
 from quadid_logs.data.result import Result  # noqa: E402
-from quadid_logs.maths.normal import NORMAL_95  # noqa: E402
+from quadid_logs.maths.random_effect import random_effect  # noqa: E402
 from quadid_logs.pipeline import analyze  # noqa: E402
 from quadid_logs.promise import check, promise_of  # noqa: E402
 from quadid_logs.tuning import margins_with, shaping_gains, tuning_of  # noqa: E402
@@ -70,19 +70,12 @@ class Pair(NamedTuple):
     same_gains: bool
 
 
-def flights_of(results: list[Result], axis: str) -> list[Flight]:
-    """Return the flights that tell the loop of an axis."""
-    found = []
-    for result in results:
-        loop = result.loop_of(axis)
-        if (
-            loop is not None
-            and loop.margins is not None
-            and loop.plants is not None
-            and not loop.contradicted
-        ):
-            found.append(Flight(result, shaping_gains(result, axis), loop.margins))
-    return found
+def told(result: Result, axis: str) -> Flight | None:
+    """Return what a flight tells of the loop of an axis; None where it tells none."""
+    loop = result.loop_of(axis)
+    if loop is None or loop.margins is None or loop.plants is None or loop.contradicted:
+        return None
+    return Flight(result, shaping_gains(result, axis), loop.margins)
 
 
 def changes(before: Flight, after: Flight) -> dict[str, float]:
@@ -98,9 +91,9 @@ def pairs(flights: list[Flight], axis: str) -> Iterator[Pair]:
         if promised is None:
             continue
         for figure, unit in FIGURES.items():
-            said, told = (getattr(one.rate, figure) for one in (promised, after.margins))
-            if said is not None and told is not None:
-                yield _pair(figure, unit, said, told, same_gains=not changed)
+            said, found = (getattr(one.rate, figure) for one in (promised, after.margins))
+            if said is not None and found is not None:
+                yield _pair(figure, unit, said, found, same_gains=not changed)
 
 
 def _pair(figure: str, unit: str, said: Estimated, told: Estimated, *, same_gains: bool) -> Pair:
@@ -122,8 +115,7 @@ def outcome(before: Result, after: Result) -> Outcome | None:
     for axis in AXES:
         now, then = shaping_gains(before, axis), shaping_gains(after, axis)
         changed = {name: value for name, value in then.items() if now.get(name) != value}
-        loop = before.loop_of(axis)
-        known = loop is not None and loop.margins is not None and not loop.contradicted
+        known = told(before, axis) is not None
         margins = margins_with(before, axis, changed, next_flight=True) if known else None
         gains = {name: Gain(now.get(name, value), value) for name, value in then.items()}
         axes[axis] = AxisPromise(
@@ -140,24 +132,14 @@ class Spread(NamedTuple):
 
 
 def spread(flights: list[Flight], axis: str) -> Spread:
-    """Return how the response around the crossover differs between flights.
-
-    Notes
-    -----
-    R. DerSimonian, N. Laird, *Controlled Clinical Trials* 7 (1986), on logarithms.
-    """
+    """Return how the response around the crossover differs between flights, by its logarithm."""
     first, found = flights[0], []
     for one in flights:
         margins = margins_with(one.result, axis, changes(one, first))
         if margins is not None and margins.rate.crossover_hz is not None:
             found.append(margins.rate.crossover_hz)
-    log = np.log([[one.ci95[0], one.value, one.ci95[1]] for one in found])
-    variance = ((log[:, 2] - log[:, 0]) / (2.0 * NORMAL_95)) ** 2
-    weight = 1.0 / variance
-    mean = np.average(log[:, 1], weights=weight)
-    heterogeneity = float(np.sum(weight * (log[:, 1] - mean) ** 2)) - (len(found) - 1)
-    between = heterogeneity / float(weight.sum() - np.sum(weight**2) / weight.sum())
-    return Spread(found, math.sqrt(max(between, 0.0)))
+    low, value, high = np.log([[one.ci95[0], one.value, one.ci95[1]] for one in found]).T
+    return Spread(found, random_effect(value, 0.5 * (high - low)).sd)
 
 
 def _plain(figure: str) -> str:
@@ -180,7 +162,7 @@ def page(vehicles: Mapping[str, list[Result]]) -> str:
     rows, every, spreads = [], [], []
     for name, results in vehicles.items():
         for axis in AXES:
-            flights = flights_of(results, axis)
+            flights = [one for result in results if (one := told(result, axis)) is not None]
             if len(flights) < 2:
                 continue
             found = spread(flights, axis)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,15 +18,12 @@ from quadid_logs.control.filter_design import MOST_LOST
 from quadid_logs.control.guard import Case, tells_too_little
 from quadid_logs.control.loop import Paths
 from quadid_logs.control.margins import grid_hz
-from quadid_logs.control.separate_gains import Quick, Rebuild, aliases
+from quadid_logs.control.separate_gains import SMALL_LOOP, Quick, Rebuild, aliases
 from quadid_logs.control.torque_noise import noise_band, torque_spectrum
 from quadid_logs.data.catalogue import MOST_NOISE
 from quadid_logs.data.controller import AxisController
 from quadid_logs.maths.band import ComplexArray
 from quadid_logs.vocabulary import AXES
-
-#: Where a loop is this small, another answer of the vehicle than that of an integrator closes it neither.
-_SMALL_LOOP: Final = 0.1
 
 
 def axis_without_model(case: Case, rebuild: Rebuild, crossover_hz: float) -> AxisWithoutModel | None:
@@ -95,7 +92,7 @@ class AxisWithoutModel:
         ratio, loop = other / flown, np.abs(other) * most / self._frequency_hz
         # Less lag costs nothing; elsewhere a loop that is closed stays as it is, and one that is small small.
         lag = np.where(below, np.maximum(-np.angle(ratio), 0.0), 0.0)
-        raised = np.where(below | (loop > _SMALL_LOOP), np.abs(ratio) - 1.0, 0.0)
+        raised = np.where(below | (loop > SMALL_LOOP), np.abs(ratio) - 1.0, 0.0)
         missing = max(float(np.max(lag)), float(np.max(raised))) - MOST_LOST
         return _Behind(
             self._frequency_hz, ratio, loop, max(missing, 0.0), self._noise(np.abs(ratio)), self._crossover_hz

@@ -71,7 +71,7 @@ _FEW_STEPS: Final = 8
 _AS_FLOWN: Final = 2
 #: Where the loop's gain is this small, it may be twice as large, or four times, without a change of
 #: stability.
-_SMALL_LOOP: Final = 0.1
+SMALL_LOOP: Final = 0.1
 
 
 def may_rise(gain_db: FloatArray | float, most_up: float) -> FloatArray:
@@ -598,7 +598,7 @@ class SeparateGains:
         rises = answer / self._flown_answer
         if self._refiltered:
             loop = answer * np.abs(self._loops.body[0][self._above])
-            rises = np.where(loop > _SMALL_LOOP, rises, 0.0)
+            rises = np.where(loop > SMALL_LOOP, rises, 0.0)
         return np.asarray(np.max(rises, axis=1))
 
     def _attitude(self, loop: _Loop) -> Attitude:

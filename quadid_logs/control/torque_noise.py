@@ -34,7 +34,7 @@ _INJECTED: Final = 3
 _MOST_MADE: Final = 2.0
 #: Rows that are faster than the data by this show noise that these do not.
 _FASTER: Final = 1.2
-#: Rows whose distance differs by this part are not one record.
+#: Rows of one record are one step apart: a distance that rounds to no or to two steps ends it.
 _IRREGULAR: Final = 0.5
 #: Up to this part of the highest frequency of the data, most of what they hold is not folded.
 _UNFOLDED: Final = 0.25

@@ -851,8 +851,8 @@ CATALOGUE: Final[Mapping[str, CatalogueEntry]] = MappingProxyType(
                 "QL617",
                 "The mixer was at its limits",
                 "This axis got less torque than was commanded in more than a tenth of the flight. Other "
-                "gains do not change that, and higher ones would only reach the limits sooner. So gains are "
-                "lowered at most, where they leave too little margin.",
+                "gains do not change that, and higher ones would only reach the limits sooner. Gains are "
+                "only lowered, and only if they leave too little margin.",
                 "Fly gentler manoeuvres, or use a lighter vehicle or stronger motors.",
                 scope="gains",
             ),
